@@ -26,7 +26,7 @@ from .criticism.gaussian import misfit_diagnostics
 from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
-from .errors import TooLittle
+from .errors import BadCase
 from .inference.evidence import NONE
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
@@ -46,9 +46,9 @@ CHANGE = " (change)"
 def compare_campaigns(
     later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE, executor: Executor = SINGLE_THREAD
 ) -> Change:
-    """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
+    """What changed from `reference` to `later`; raises `BadCase` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:
-        raise TooLittle(
+        raise BadCase(
             f"the robots differ: {reference.robot.name!r} in the reference, {later.robot.name!r} in this campaign, "
             "or robot.yaml was changed: give both the same robot.yaml with --robot"
         )
@@ -80,7 +80,7 @@ def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     """What both campaigns hold: states of the robot, stiffness trials, or both."""
     kinds = np.array([all((s.pushed == pushed).any() for s in (before, after)) for pushed in (False, True)])
     if not kinds.any():
-        raise TooLittle(
+        raise BadCase(
             "one campaign has only stiffness trials and the other has none: compare campaigns of the same kind, or "
             "record what is missing"
         )

@@ -132,7 +132,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense), len(alone)))
-    excess = prepared.noise_components.excess_scatter
+    excess, floor = prepared.noise_components.excess_scatter, location.noise_floor_mm
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),
@@ -148,8 +148,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             *far,
             *sentences.obstacle(prepared, named_sizes),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
-            *(sentences.beyond_tolerance(prepared.problem.parameters, tense[fit], edited.robot, fit) for fit in tense),
-            *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),
+            *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
+            *([finding("scatter_of_repeats", words, factor=excess, floor_mm=floor)] if excess >= USUAL_EXCESS else ()),
             *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),
             *(finding("as_read", text=text) for text in case.table.warnings),

@@ -8,12 +8,8 @@ class DiagnosisError(Exception):
 
 
 class BadCase(DiagnosisError, ValueError):
-    """The table cannot be used at all: nothing measured, mixed units, not finite."""
+    """The table cannot be used, at all or for what is asked: nothing measured, mixed units, no setting of the other campaign."""
 
 
 class BadHoldout(DiagnosisError, ValueError):
     """The campaign held out cannot be used, was measured on another robot, or is among what the fit saw."""
-
-
-class TooLittle(DiagnosisError, ValueError):
-    """The table is sound, but a question needs more than it holds."""

@@ -70,7 +70,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "one_pressure": (
             "only one {pressure}: no cause can be distinguished from a wrong {actuator_area}; record at least two {pressures}"
         ),
-        "not_bent": "no state is bent: {actuators}, spine and material cannot be judged; record a bending sweep",
+        "not_bent": "no state is bent: {actuators}, stiffness and material cannot be judged; record a bending sweep",
         "not_repeated": (
             "most states were read in one trial only, so differences between trials are uncertain and no cause is named; repeat "
             "the sweep three times"
@@ -114,8 +114,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             " at two or more"
         ),
         "scatter_of_repeats": (
-            "repeats of a state scatter {factor:.1f} times more than instruments and re-grown spines usually do: find out what "
-            "changes from trial to trial before you trust a cause"
+            "repeats of a state scatter by {floor_mm:.2f} mm rms, the noise floor: {pressures}, or what changes from trial to "
+            "trial, scatter {factor:.1f} times more than usual. Find out what does before you trust a cause"
         ),
         "impossible_size": ("the fit gives {parameter} = {size}, which is physically impossible: evidence against this effect"),
         "stage_error": (
@@ -226,6 +226,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
         "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
+        "known_together": "the readings hardly tell {names} apart: change all of them or none",
         "obstacle_stands": (
             "the obstacle stands at {azimuth:.0f} deg about the base's z from x: look there, and state obstacle_azimuth_deg"
         ),

@@ -28,6 +28,7 @@ from model.estimate import Estimate
 from model.robot import THRUST, Robot, robot_from_dict
 from model.shown import Shown
 from model.stated import AREA_FACTOR
+from recordings.trials import marker_columns
 
 from .answer.attribute import calibrated
 from .answer.headline import sized
@@ -87,6 +88,8 @@ class Fitted(Shown, FittedRobot):
     """Pa, from pushes."""
     area_factor_by_length: Mapping[float, AreaFit] = field(default_factory=dict)
     """One for each spine length (m), the set-up taken as exact, as the paper has it."""
+    markers_mm: Mapping[int, float] = field(default_factory=dict)
+    """rms of each marker that was fitted besides the tip, by its number."""
 
     @property
     def area_factor(self) -> AreaFit | None:
@@ -142,6 +145,7 @@ class Fitted(Shown, FittedRobot):
             "law_error": posterior.law_error if posterior else None,
             "discrepancy_mm": 1e3 * posterior.discrepancy if posterior else None,
             "residual_left_out_mm": self.left_out_mm,
+            "markers_mm": dict(self.markers_mm),
         }
 
 
@@ -212,9 +216,9 @@ def fit_described(
     main = campaign.main
     written, lasting = list(_lasting(p, p.problem.parameters.ids).values()), np.zeros_like(p.problem.parameters.sd)
     lasting[written] = fitted.fit.theta[written]  # what recurs or drifts is at its expectation
-    before, missed = (
-        p.tip(p.problem.observed - p.problem.forward.predict(theta))[main] for theta in (p.common(baseline.theta), lasting)
-    )
+    first, last = (p.problem.observed - p.problem.forward.predict(theta) for theta in (p.common(baseline.theta), lasting))
+    before, missed = p.tip(first)[main], p.tip(last)[main]
+    of_marker = {k: last[np.isin(p.labels.channel, own)] for k, own in enumerate(marker_columns(len(robot.markers)), 1)}
     rms_after = rms(missed)
     stated, posterior = _posterior(p, fitted, rms_after)
     described, left_out = _written(robot, p, named, stated, posterior), None
@@ -227,11 +231,12 @@ def fit_described(
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     theta = fitted.fit.theta
     tense = parameters.tense(theta)
-    findings = (*tracked_turn(p, theta), *([beyond_tolerance(parameters, tense, robot)] if tense else ()))
+    findings = (*tracked_turn(p, theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
         trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,
         by_actuator=tuple(filter(None, each)), left_out_mm=None if left_out is None else 1e3 * left_out,
+        markers_mm={k: 1e3 * math.sqrt(AXES) * rms(values) for k, values in of_marker.items() if values.size},
     )  # fmt: skip
 
 

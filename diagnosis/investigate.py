@@ -19,7 +19,7 @@ from model.effects.design import design_from_columns
 from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
-from .arrays import Array, rms
+from .arrays import rms
 from .data.case import Case, CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
@@ -177,7 +177,8 @@ def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minut
         raise NotDone(f"takes {proposal.cost_min:g} min, {minutes:.0f} are left")
     predictions = rivals.predict(planned(rivals.prepared, replace(proposal, channels=()))) or ()
     of_rivals = zip(rivals.candidates, rivals.weight, predictions, strict=False)
-    made = tuple(RivalPrediction(c.named, float(w), *(_mm(values) for values in q.tip)) for c, w, q in of_rivals)
+    in_mm = ((c, w, (np.round(1e3 * values, 3).tolist() for values in q.tip)) for c, w, q in of_rivals)
+    made = tuple(RivalPrediction(c.named, float(w), *(tuple(map(tuple, mm)) for mm in tip)) for c, w, tip in in_mm)
     predicted = Predicted(proposal, made)
     return predicted, laboratory.perform(predicted)
 
@@ -213,10 +214,6 @@ def bits_gained(before: Diagnosis, after: Diagnosis) -> float:
     rest = (max(1 - sum(a for a, _ in known), 0.0), max(1 - sum(b for _, b in known), 0.0))
     every = [*known, *([rest] if min(rest) > 0 else [])]
     return max(float(sum(a * np.log2(a / b) for a, b in every)), 0.0)
-
-
-def _mm(values: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(round(float(x) * 1e3, 3) for x in row) for row in values)
 
 
 def _round(r: Round) -> dict[str, Any]:

@@ -171,6 +171,8 @@ PREDICTIVE_DISCREPANCY = 0.1
 """Discrepancy, noise floors, that is allowed when readings are predicted from the others."""
 TENSE_SD = 4.0
 """Standard deviations from its mean at which a tolerance is named as tense."""
+HARDLY_APART = 4.0
+"""Variance inflation factor above which readings hardly tell a tense tolerance from others: without these its sd would halve."""
 OUTSIDE_PROBABILITY = 0.5
 """Probability of a cause outside the catalogue above which the verdict is "unknown"."""
 RELATIVE_ODDS = 0.5
@@ -215,7 +217,7 @@ TIE_STATED = 0.1
 OUTSIDE_STATED = 0.01
 """Probability of a cause outside the catalogue above which the statement gives the probability within the catalogue too."""
 EXPLAINS = 0.5
-"""Share of the reducible gap above which a hypothesis explains it."""
+"""Share of the reducible gap above which a hypothesis explains it; confirmed where its interval on held-out data is above."""
 MORE_THAN_GAP = 1.3
 """Ratio of what an effect moves to the calibrated gap above which the statement explains how it can move more."""
 ALIKE_SHARE = 0.5
@@ -232,8 +234,6 @@ uncertainty; share of the area on which chambers of one design act, from body to
 gain of regulators and load cells."""
 PRESENT_FLOORS = 0.5
 """Noise floors that an effect must carry to be listed as present."""
-CONFIRMED_SHARE = 0.5
-"""Share of the gap, at the lower end of its interval, that must close on held-out data for a cause to be confirmed."""
 REDUCIBLE_RATIO = 1.1
 """Ratio of gap to noise floor below which there is nothing to close."""
 FALSE_DISCOVERY_RATE = 0.05

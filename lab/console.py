@@ -142,8 +142,9 @@ class _Bar(Progress):
             yield Text(plain(self.prompt.format(self.typed)), overflow="fold")
 
 
-LONG_STEP = 20.0
-"""s, after which a step says once how long it will take where no bar shows it."""
+LONG_STEP, MOST_LONGER = 20.0, 3.0
+"""s, after which a step says once how long it will take where no bar shows it; how many times longer than in proportion that may
+be: a hypothesis may bring others, which take longer."""
 
 
 class Screen:
@@ -221,15 +222,17 @@ class Screen:
         if name != self._step[0]:
             self._step, self._said = (name, time.monotonic()), False
         lasted = time.monotonic() - self._step[1]
-        self._say_long(lasted, lasted * (1 / share - 1) if share > 0 else None)
+        left = lasted * (1 / share - 1) if share > 0 else 0.0
+        known = f"about {clock(left)} to {clock(MOST_LONGER * left)} left in this step"
+        self._say_long(lasted, known if share > 0 else "how long it takes is not known yet")
 
-    def _say_long(self, lasted: float, left: float | None) -> None:
-        """Say once of a step that has lasted so long (s), and where no bar shows it, what it is and how many s are left."""
+    def _say_long(self, lasted: float, left: str) -> None:
+        """Say once of a step that has lasted so long (s), and where no bar shows it, what it is and how long it will take."""
         if self._said or lasted < LONG_STEP or self.quiet_asked or sys.stdout.isatty():
             return
         self._said = True
         name = f", {self._step[0]}" if self._step[0] else ""
-        complain(f"{self._title}{name}: {'how long it takes is not known yet' if left is None else f'about {clock(left)} left'}")
+        complain(f"{self._title}{name}: {left}")
 
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""
@@ -242,7 +245,7 @@ class Screen:
             self._first = done  # a run that is resumed begins in the middle
         left = seconds_left(done - self._first, total - self._first, elapsed, self._speed)
         self._progress.update(self._task, completed=min(1.0, done / total), left=f"{clock(left)} left")
-        self._say_long(elapsed, left)
+        self._say_long(elapsed, f"about {clock(left)} left")
 
 
 def seconds_left(done: float, total: float, elapsed: float, speed: float) -> float:

@@ -40,9 +40,9 @@ def unit_text(unit: str, before: str = " ") -> str:
 
 
 def alike(name: str, known: Iterable[str]) -> str:
-    """The known name that was probably meant, capitals aside; empty if none resembles it."""
-    names = {other.casefold(): other for other in known}
-    return next((names[near] for near in difflib.get_close_matches(name.casefold(), names)), "")
+    """The known name that was probably meant, capitals and the dashes of options aside; empty if none resembles it."""
+    names = {other.casefold().lstrip("-"): other for other in known}
+    return next((names[near] for near in difflib.get_close_matches(name.casefold().lstrip("-"), names)), "")
 
 
 def nearest(name: str, known: Iterable[str], otherwise: str = "") -> str:

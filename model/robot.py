@@ -291,8 +291,7 @@ class Robot(Shown, FileTable):
         >>> robot.area_factor_at([0.1, 0.3])
         array([1.2, 1.4])
         """
-        factor = self.area_factor
-        table = sorted(factor.items()) if isinstance(factor, dict) else [(0.0, factor)]
+        table = sorted(self.area_factor.items()) if isinstance(self.area_factor, dict) else [(0.0, self.area_factor)]
         return np.interp(np.asarray(spine_length, float), *np.array(table).T)
 
     @property

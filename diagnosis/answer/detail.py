@@ -135,8 +135,8 @@ def _separations(f: Attribution) -> dict[str, Any]:
     }
 
 
-def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
-    """Share of each effect's squared tip displacement that one area factor, or one a spine length, takes over; 1 of nothing."""
+def _confounding(p: Prepared) -> dict[str, float]:
+    """Share of each effect's squared tip displacement that one area factor takes over; 1 of nothing."""
     parameters = p.problem.parameters
     if AREA not in parameters.names:
         return {}
@@ -144,13 +144,7 @@ def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
     of_tip = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None]
     area = of_tip * slope.column(parameters.names.index(AREA))[:, None]
     moved = of_tip * (slope.take(parameters.of_effect).whole * parameters.scale)
-    length = np.round(p.states.spine_length[p.labels.state], 2)
-    calibrations = {"one": area, "per_length": np.hstack([area * (length == x)[:, None] for x in np.unique(length)])}
-    shares: dict[str, dict[str, float]] = {}
-    for name, columns in calibrations.items():
-        # columns that only rounding makes differ from zero take nothing over
-        beyond = moved - columns @ np.linalg.lstsq(columns, moved, rcond=1e-10)[0]
-        of_effect = {e: parameters.mask((e,)) for e in parameters.ids}
-        whole = {e: float((moved[:, k] ** 2).sum()) for e, k in of_effect.items()}
-        shares[name] = {e: 1.0 - float((beyond[:, k] ** 2).sum()) / whole[e] if whole[e] else 1.0 for e, k in of_effect.items()}
-    return shares
+    # a column that only rounding makes differ from zero takes nothing over
+    beyond = moved - area @ np.linalg.lstsq(area, moved, rcond=1e-10)[0]
+    whole, left = ({e: float((x[:, parameters.mask((e,))] ** 2).sum()) for e in parameters.ids} for x in (moved, beyond))
+    return {e: 1.0 - left[e] / whole[e] if whole[e] else 1.0 for e in parameters.ids}

@@ -33,8 +33,9 @@ from .rivals import RivalForecast, Rivals
 
 PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
-TURN, MASS = 90.0, 0.07
-"""deg the body is turned; mass hung on in addition, in the scale of its robot: 100 g on a body of 40 cm, 2 g on one of 12."""
+TURN, MILD, MASS = 90.0, 0.6, 0.07
+"""deg the body is turned; share of the highest pressure that all actuators have at most together; mass hung on in addition, in
+the scale of its robot: 100 g on a body of 40 cm, 2 g on one of 12."""
 
 
 # ------------------------------------------------------------------ the menu
@@ -63,14 +64,15 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
         rig = PER_TRIAL * len(list(_sweeps(protocol))) + sum(x.seconds for x in _states(protocol))  # s
         offered.append(Proposal(id, do, (), 0.0, round(hands + rig / 60, 1), protocol, hands, channels))
 
-    lower, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
+    mild, every = pressures_used[pressures_used <= MILD * max(pressures)], list(range(1, count + 1))
+    lower = _three(mild, s.pressure_gap) if mild.size else [rounded(MILD * p, 2) for p in pressures]
     offer("unload", "read the unload branch too", unload=True)
     offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, QUATERNION)
     offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=lower, chambers=every)
     if other_group := _other_chambers(chambers, count, s):
         offer(f"other_{words.actuators}", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
     offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
-    offer("tip_mass", f"hang {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
+    offer("tip_mass", f"hang about {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
     offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])
     offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):

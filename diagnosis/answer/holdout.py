@@ -19,7 +19,7 @@ from ..data.case import CaseLike, states
 from ..data.levels import SPINE_GAP, levels
 from ..errors import BadCase, BadHoldout
 from ..inference.prepare import Prepared, table_columns
-from ..judgement import CONFIRMED_SHARE
+from ..judgement import EXPLAINS
 from .attribute import Attribution
 from .result import Holdout
 from .unseen import closed
@@ -66,7 +66,7 @@ def evaluate_holdout(f: Attribution, other: Campaign) -> Holdout:
     named, interval = f.decision.verdict == "effect", shrunk.ci95
     verdict: Literal["confirmed", "contradicted", "open"] = "open"
     if named and interval is not None:
-        verdict = "confirmed" if interval[0] >= CONFIRMED_SHARE else "contradicted" if interval[1] < 0 else "open"
+        verdict = "confirmed" if interval[0] >= EXPLAINS else "contradicted" if interval[1] < 0 else "open"
     return Holdout(
         **vars(shrunk), states=len(kept), trials=len(np.unique(kept.trial)), unsolved=int((~predicted).sum()),
         hypothesis=f.best.named, named=named, verdict=verdict,

@@ -87,7 +87,7 @@ def _specimens(p: Prepared, missed: Array) -> Iterator[_Part]:
     length = levels(s.spine_length, SPINE_GAP)
     for specimen, k in np.unique(np.column_stack([body, length]), axis=0):
         own = (body == specimen) & (length == k)
-        name = f"{'body, ' if specimen else ''}spine {100 * float(s.spine_length[own].mean()):.3g} cm"
+        name = "body" if p.robot.spine is None else f"{'body, ' * specimen}spine {100 * s.spine_length[own].mean():.3g} cm"
         yield ("stiffness", name, s.trial[own], missed[own, None], p.pushes.noise_floor)
 
 

@@ -21,6 +21,7 @@ from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..data.plausible import differ_by
 from ..findings import Finding, finding
+from ..inference.fit import Fit
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
@@ -249,8 +250,8 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
     return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
-def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot, fit: str = "the fit") -> Finding:
-    """The finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
+def numbers_beyond(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> list[Finding]:
+    """The numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
     names = {s: n for s, n in (("youngs_modulus", "bending_stiffness"), ("density", "mass_per_length")) if getattr(robot, n)}
     each = []
     for i, value in moved.items():
@@ -258,7 +259,19 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot,
         name = names.get(p.infos[i].source, p.infos[i].name.removesuffix(".excess"))
         name += " (`zero` of the positions)" * (p.infos[i].source == "frame_shift")
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
-    return finding("beyond_tolerance", fit=fit, numbers=each)
+    return each
+
+
+def beyond_tolerance(p: Prepared, fit: Fit, moved: Mapping[int, float], robot: Robot, name: str = "the fit") -> Finding:
+    """The finding on `numbers_beyond`, and on those that the readings hardly tell apart at a fit: their variance inflation
+    factors in the least squares of all of them are above `HARDLY_APART`."""
+    numbers, slope = numbers_beyond(p.problem.parameters, moved, robot), fit.derivatives(p.problem).every
+    white = np.transpose([slope.column(i) for i in moved])
+    unit = white / np.linalg.norm(white, axis=0)
+    inflation = np.diag(np.linalg.inv(unit.T @ unit + np.finfo(float).eps * np.eye(len(moved))))
+    alike = [number.values["name"] for number, factor in zip(numbers, inflation, strict=True) if factor > judgement.HARDLY_APART]
+    together = [finding("known_together", names=" and ".join(alike))] if alike else []
+    return finding("beyond_tolerance", fit=name, numbers=[*numbers, *together])
 
 
 def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:
@@ -463,15 +476,9 @@ def held_out(d: Diagnosis) -> str:
 def disorder(ranking: Sequence[Ranked]) -> str:
     """Why probability and evidence disagree in order; empty if they agree. `unknown` is left out: it has no evidence."""
     listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= judgement.LEAST_STATED]
-    disordered = [(a, b) for a, b in combinations(listed, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
-    if not disordered:
+    if not any(a.probability > b.probability and a.log_evidence < b.log_evidence for a, b in combinations(listed, 2)):
         return ""
-    if any(len(b.effects) <= len(a.effects) and b.effects for a, b in disordered):
-        return (
-            "Probability and evidence differ in order. The probability counts, over the fits of all hypotheses, how often an "
-            "effect moves the readings by more than the noise floor; the log evidence is that of one fit."
-        )
     return (
-        "Probability and evidence differ in order. A hypothesis with more log evidence may be less probable: naming more effects "
-        "lowers its prior, and an effect is named only if it moves the readings by more than the noise floor."
+        "Probability and evidence differ in order. The log evidence is that of one fit. The probability counts, over the fits of "
+        "all hypotheses, how often an effect moves readings by more than the noise floor; naming more effects lowers its prior."
     )

@@ -134,9 +134,8 @@ def gravity_says(robot: Robot, down: Array) -> Says:
 def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
     limit = bool(np.abs(theta[GRAVITY]).max() > judgement.EDIT_AT_BOUND * np.radians(25))
-    if not (_beyond(theta, 3) or _beyond(theta, 4)):
-        return []
-    return _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
+    said = _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
+    return said if _beyond(theta, 3) or _beyond(theta, 4) else []
 
 
 def _tilt(v: Variants, own: Array) -> Variants:
@@ -148,9 +147,8 @@ def _tilt(v: Variants, own: Array) -> Variants:
 def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     x, y = np.degrees(own)
     each = [f"{abs(v):.0f} deg about {'-' if v < 0 else ''}{axis}" for v, axis in ((x, "x"), (y, "y")) if abs(v) >= 1]
-    if np.hypot(x, y) < judgement.EDIT_LEAST_TILT:
-        return []
-    return [mistake("base_tilted", "tilt of the base", about=" and ".join(each), given=listed(robot.gravity))]
+    said = mistake("base_tilted", "tilt of the base", about=" and ".join(each), given=listed(robot.gravity))
+    return [said] if np.hypot(x, y) >= judgement.EDIT_LEAST_TILT else []
 
 
 def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:

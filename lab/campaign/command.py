@@ -36,7 +36,7 @@ from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
-from ..rig.operator import RememberingOperator, preparations
+from ..rig.operator import NotPrepared, RememberingOperator, preparations
 from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified, resume_command
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
 from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, found_of, mend
@@ -215,7 +215,7 @@ class Session:
             done_s, total_s = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up is no progress
             with self.screen.part(done_s, total_s):
                 result = execute(rig, replace(job, labels=self._labels(run)), folder, self.screen, broken, self._page)
-        except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
+        except (InstrumentError, ActuatorsLost, RigLanded, NotPrepared) as e:  # nothing was recorded
             return self._failed(number, e, 0.0, 0)
         seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
         self._safe = result.safe

@@ -127,11 +127,10 @@ def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot 
 
 def _protocol(contents: Contents, missing: list[str]) -> str:
     try:
-        table = parse_yaml(text_of(contents, "protocol.yaml") or "", "protocol.yaml").data
+        return str(parse_yaml(text_of(contents, "protocol.yaml") or "", "protocol.yaml").table.get("protocol", ""))
     except ConfigError as e:
         missing.append(str(e))
         return ""
-    return str(table.get("protocol", "")) if isinstance(table, dict) else ""
 
 
 def _steps(contents: Contents, missing: list[str]) -> tuple[tuple[str, float], ...]:

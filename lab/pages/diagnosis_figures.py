@@ -231,20 +231,15 @@ def posterior(
 
 
 def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
-    """Share of each effect's tip displacement that a calibration takes over; `names` effect -> plain name."""
-    spines = len(d.locate.by.get("spine_length", ())) > 1
-    by_one_factor, by_length_factors = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
-    effects = sorted(by_one_factor, key=lambda e: by_one_factor[e])
+    """Share of each effect's tip displacement that one area factor takes over; `names` effect -> plain name."""
+    share: Mapping[str, float] = d.detail["confounding"]
+    effects = sorted(share, key=lambda e: share[e])
     rows = np.arange(len(effects))
-    with drawing(path, (5.2, 0.8 + 0.26 * len(effects))) as (figure, axis):
-        axis.barh(rows + 0.2, [100 * by_one_factor[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
-        if spines:
-            shares = [100 * by_length_factors[n] for n in effects]
-            axis.barh(rows - 0.2, shares, 0.38, color=GREY, hatch="//", label=f"{d.words.an_area_factor} for each spine length")
+    with drawing(path, (5.2, 0.8 + 0.26 * len(effects))) as (_, axis):
+        axis.barh(rows, [100 * share[e] for e in effects], 0.6, color=BLUE)
         axis.set_yticks(rows, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
-        axis.set(ylim=(-0.7, len(effects) - 0.3), xlabel="share of the effect that a calibration absorbs, %")
+        axis.set(ylim=(-0.7, len(effects) - 0.3), xlabel=f"share of the effect that one {d.words.area_factor} absorbs, %")
         axis.grid(False, axis="y")
-        figure.legend(loc="outside lower center", fontsize=8)
     return path
 
 

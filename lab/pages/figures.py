@@ -101,8 +101,8 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
     def panel(axis: Axes, k: int, name: str) -> None:
         for (length, selected), colour in zip(lengths, colours(len(lengths)), strict=True):
             order = np.argsort(pressure[selected])
-            axis.plot(pressure[selected][order], c.predicted[selected][order, k] * 1e3, color=colour, lw=1.2)
-            axis.plot([], [], color=colour, label=f"spine {length * 100:.0f} cm")
+            label = f"spine {length * 100:.0f} cm" if len(lengths) > 1 else None
+            axis.plot(pressure[selected][order], c.predicted[selected][order, k] * 1e3, color=colour, lw=1.2, label=label)
             for branch, mark in (("load", "^"), ("unload", "v")):
                 rows = selected & (c.branch == branch)
                 face = "none" if branch == "unload" else colour
@@ -127,12 +127,11 @@ def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Pat
             for k, axis in enumerate(axes):
                 middle, half = 1e3 * prediction.tip[selected, k], 1e3 * (high - low)[selected, k] / 2
                 axis.errorbar(pressures, middle, half, fmt="o", ms=2.5, lw=0.9, capsize=2, color=colour)
-            if len(lengths) <= 12:
-                axes[0].plot([], [], "o", ms=3, color=colour, label=f"{100 * length:.3g} cm")
+            axes[0].plot([], [], "o", ms=3, color=colour, label=f"{100 * length:.3g} cm")
         for k, axis in enumerate(axes):
             axis.set(xlabel=f"highest {words.axis}", ylabel=f"tip {'xyz'[k]}, mm")
         axes[0].set_title("bars: 95 % interval of a reading")
-        if len(lengths) <= 12:
+        if 1 < len(lengths) <= 12:
             axes[0].legend(title="spine", fontsize=8, ncols=2)
     return path
 

@@ -44,6 +44,10 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
     return "; ".join(text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name))
 
 
+class NotPrepared(ProtocolError):
+    """Nobody can say that the rig is prepared, so nothing moved."""
+
+
 class Console:
     """Asks the person to prepare and waits for Enter; without a terminal it stops, unless all was said to be `prepared`."""
 
@@ -56,7 +60,7 @@ class Console:
         if self._prepared:
             return
         if not sys.stdin.isatty():
-            raise ProtocolError(
+            raise NotPrepared(
                 "nothing moved: nobody can confirm that all is prepared (not a terminal); have a program answer (operator: "
                 "unix:/PATH in rig.yaml), or add --yes, only if nobody is within reach of the robot"
             )

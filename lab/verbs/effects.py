@@ -170,7 +170,7 @@ def draw(effect_signatures: list[Signature], path: Path, words: Words) -> Path:
         for axis in axes.flat[len(effect_signatures) :]:
             axis.set_axis_off()
         longest = max(effect_signatures, key=lambda s: (s.how != "stiffness", len(s.spine_length)))
-        lengths = zip(longest.spine_length, colours(len(longest.spine_length)), strict=True)
+        lengths = zip(longest.spine_length, colours(len(longest.spine_length)), strict=True) if any(longest.spine_length) else ()
         handles = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
         ways = [Line2D([], [], color="0.3", ls=style, label=way) for way, style in (("load", "-"), ("unload", (0, (3, 2))))]
         figure.legend(handles=[*handles, *ways], loc="outside upper left", ncols=8)

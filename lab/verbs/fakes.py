@@ -28,7 +28,7 @@ from sim_fakes.rig import USUAL, FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import err, note, out, titled
-from ..files.config import ConfigError, in_si, in_units, load, parse_yaml
+from ..files.config import ConfigError, in_si, in_units, load, read_yaml
 from ..files.packages import Registered, installed, without
 from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
@@ -110,9 +110,8 @@ def _demand_free(rig: Path | None) -> None:
     if rig is None:
         return
     try:
-        table: Any = parse_yaml(rig.read_text(encoding="utf-8"), str(rig)).data
-        spec = table["operator"]
-    except (OSError, UnicodeDecodeError, ConfigError, LookupError, TypeError):
+        spec = read_yaml(rig).table["operator"]
+    except (OSError, ConfigError, LookupError):
         return
     if process := process_of(str(spec)):
         raise ConfigError(

@@ -104,6 +104,7 @@ def fit(
     def show() -> None:
         out.print(sheet(fitted) if calibrating else effects_sheet(fitted))
         lines = [baseline_line(fitted)] if calibrating else residual_lines(fitted)
+        lines += [f"marker {k}, which the fit used too: {mm:.2f} mm rms (in-sample)" for k, mm in fitted.markers_mm.items()]
         for line in (*filter(None, lines), *(f"{word}: {path}" for path in written)):
             out.print(line)
 

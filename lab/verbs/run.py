@@ -61,6 +61,7 @@ from ..rig.interrupts import Interrupts
 from ..rig.keeping import settings as settings_within
 from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, excesses, margins, problems, wiring
+from ..rig.operator import NotPrepared
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -410,7 +411,7 @@ def run(
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
         note([
             f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
-            f"few samples: start the fakes with a smaller --speed, such as {slower(j.rig.clock.speed):g}"
+            f"few samples: start the fakes with a smaller --speed, such as {max(1.0, j.rig.clock.speed // 4):g}"
         ])  # fmt: skip
     cut_short = result.error is not None and (result.asked or not result.displaced)
     lossy = result.lost or result.displaced or result.table.doubtful.any()
@@ -431,11 +432,6 @@ def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
     for topic, n in result.lost.items():
         out.print(f"  lost on {topic}: {n} samples")
     note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
-
-
-def slower(speed: float) -> float:
-    """A lower speed of the fakes, for a computer that cannot keep up at this one."""
-    return max(1.0, speed // 4)
 
 
 def note_unverified(rig_path: Path, rig: RigFile) -> None:
@@ -495,7 +491,7 @@ def execute(
     """Run the experiment (or the remainder of a broken one) on an opened rig: record it, and land the rig whatever happens.
 
     `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do. An error of the
-    experiment is in the outcome, not raised."""
+    experiment is in the outcome, not raised, but for `NotPrepared`, which leaves no file behind."""
     steering = Steering() if steering is None else steering
     file = recording_of(folder, j.experiment.name, time.time_ns())
     finished = broken.finished if broken is not None else 0
@@ -565,6 +561,10 @@ def execute(
                 with contextlib.suppress(RecordingError):  # `close` tells the same
                     recorder.log("warning", f"{topic}: the stream was reopened; losses are counted from that time on")
         lost = _finish(recorder, outcome, str(error or ""), safe)
+    if isinstance(error, NotPrepared):
+        for empty in (recorder.path, *([journal.path] if broken is None else [])):
+            empty.unlink(missing_ok=True)
+        raise error
     rig.notices.extend(recorder.displaced)
     if recorder.path != file:
         announce(j.rig_path, recorder.path)

@@ -207,7 +207,7 @@ class ForwardModel:
         """Lay out the parameters of `varied`, and their laws and those of the robot's own effects in the catalogue's order."""
         self.robot, self.area, self.catalogue, self._every_law = robot, area, catalogue, False
         self._steps, self._start = None, None
-        self._table = parameter_table(full, varied)
+        self._table = parameter_table(full, varied, robot)
         self._fixed = fixed_laws(robot, catalogue)
         rank = {id: k for k, id in enumerate({**CATALOGUE, **catalogue})}
         rank_of: dict[int | str, int] = {id: rank.get(id, len(rank)) for id in self._fixed}

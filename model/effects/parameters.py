@@ -13,8 +13,10 @@ import numpy as np
 
 from model.arrays import Array, Ints, Mask
 from model.condition import States
+from model.effects.shows import PARTS
 from model.effects.spec import Sign, Values
 from model.effects.tolerance import Group, Scope, VariationSource, mounts
+from model.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -122,15 +124,14 @@ class ParameterTable:
         return [i for i, s in enumerate(self.sources) for _ in s.spec.parameters]
 
 
-def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> ParameterTable:
-    """Lay out the parameters of all sources."""
-    infos: list[ParameterInfo] = []
-    of_row: list[Ints] = []
+def parameter_table(design: States, sources: tuple[VariationSource, ...], robot: Robot) -> ParameterTable:
+    """Lay out the parameters of all sources; one by the name of a part that the robot lacks stays 0."""
+    infos, of_row = list[ParameterInfo](), list[Ints]()
     for source in sources:
-        copies = _copies(design, source)
         for p in source.spec.parameters:
+            absent = p.name in PARTS.values() and getattr(robot, p.name) is None
             rows = np.full(len(design), -1, np.int64)
-            for label, trial, states_of_copy in copies:
+            for label, trial, states_of_copy in () if absent else _copies(design, source):
                 rows[states_of_copy] = len(infos)
                 name = f"{source.spec.id}.{p.name}"
                 infos.append(ParameterInfo(

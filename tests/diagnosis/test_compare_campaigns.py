@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.compare_campaigns import compare_campaigns, sentence
-from diagnosis.errors import TooLittle
+from diagnosis.errors import BadCase
 from diagnosis.inference.evidence import NONE
 from diagnosis.inference.posterior import UNKNOWN, EffectPosterior
 from model.actuators import Chambers
@@ -47,5 +47,5 @@ def test_what_is_told_follows_from_the_probability_that_nothing_changed() -> Non
 def test_campaigns_of_different_robots_are_not_compared() -> None:
     reference = measured(3, 1, FEW)
     other = Measured(ROBOT.model_copy(update={"density": 1200.0}), reference.table)
-    with pytest.raises(TooLittle, match="same robot.yaml"):
+    with pytest.raises(BadCase, match="same robot.yaml"):
         compare_campaigns(other, reference)

@@ -20,6 +20,7 @@ from diagnosis.answer.locate import _parts
 from diagnosis.answer.result import FACTORS, STAGES, Attribute, Diagnosis
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
+from diagnosis.fit_effects import fit_effects
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.prepare import prepare, table_columns
 from diagnosis.judgement import LEAST_BITS
@@ -205,3 +206,21 @@ def test_an_offset_of_one_axis_is_named_alone_with_its_size() -> None:
     assert [name[:2] for name in named] == [("frame_shift.y", " (`zero` of the positions)")]
     assert float(named[0][2]) == pytest.approx(40 * FINGER.length, rel=0.1) and found.calibration is not None
     assert [(s.name, s.sd) for s in found.calibration.set_up] == [("frame_shift.y", pytest.approx(0.004 * FINGER.length))]
+
+
+def test_numbers_that_nearly_cancel_are_stated_with_what_they_do_together() -> None:
+    base, frame = (Rotation.from_rotvec([0.0, angle, 0.0], degrees=True) for angle in (7.0, 1.0))
+    table = read(FINGER.replace(gravity=base.inv().apply(FINGER.gravity)), turn=frame)
+    told = Measured(FINGER.replace(uncertainty={"tilt": np.radians(1), "frame_turn": np.radians(1)}), table)
+    for found in (diagnose(told, quick({"precurvature": CATALOGUE["precurvature"]})), fit_effects(told, [])):
+        (beyond,) = (f for f in found.findings if f.code == "beyond_tolerance")
+        assert [n.values.get("name") for n in beyond.values["numbers"]] == ["tilt.y", "frame_turn.y", None]
+        assert "hardly tell tilt.y and frame_turn.y apart: change all of them or none. Re-measure" in beyond.text
+
+
+def test_repeats_that_scatter_are_stated_in_mm() -> None:
+    table = read(FINGER, repeats=3)
+    told = Measured(FINGER, table.replaced({"y": table["y"] + 5e-3 * (table["repeat"] == 2)}))
+    found = diagnose(told, quick({"viscoelastic": CATALOGUE["viscoelastic"]}))
+    (scatter,) = (str(f) for f in found.findings if f.code == "scatter_of_repeats")
+    assert f"scatter by {found.locate.noise_floor_mm:.2f} mm rms, the noise floor" in scatter

@@ -1,5 +1,6 @@
 """A robot fitted with its effect: what is written, that every reader takes it, and that a diagnosis goes on from there."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from lab.comparison import comparison
 from lab.files.config import load
 from lab.files.inputs import Case
 from lab.files.robot_file import write_robot
-from lab.verbs.fit import residual_lines
+from lab.verbs.fit import fit, residual_lines
 from model.effects import CATALOGUE
 from model.errors import BadEffect
 from model.prediction import Predictor
@@ -21,7 +22,9 @@ from model.robot import Robot
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME, answer, campaign, moved_by, quick
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
+from tests.diagnosis.test_edits import FINGER, read
 from tests.lab.diagnosed_case import campaign as bending
+from tests.lab.diagnosed_case import folder
 
 ANGLE = np.radians(8)
 
@@ -130,3 +133,13 @@ def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:
         fit_effects(campaign, ["chamber_azimut"])
     with pytest.raises(BadCase):
         fit_effects(case([]), ["chamber_azimuth"])
+
+
+def test_a_fit_states_the_error_of_each_marker_that_it_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = FINGER.model_copy(update={"markers": (0.4 * FINGER.length, 0.7 * FINGER.length)})
+    table = read(robot)
+    moved = table.replaced({"m2x": table["m2x"] + 5e-3 * (table["trial"] % 2)})
+    found = fit([folder(tmp_path / "case", moved, write_robot(robot, tmp_path / "robot.yaml"))], set_up=True)
+    assert found.show is not None and found.show() is None
+    first, second = re.findall(r"marker \d, which the fit used too: ([\d.]+) mm rms", capsys.readouterr().out)
+    assert float(second) > 2 * float(first) > 0

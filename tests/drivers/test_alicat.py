@@ -12,16 +12,12 @@ from drivers.errors import BadReply, DeviceFault, InstrumentError, NoReply, Stal
 from sim_fakes.alicat import PA_PER_UNIT, AlicatFake
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench, raises
+from tests.simulated.bench import Bench, raises, started_fake
 
 Make = Callable[..., Alicat]
 FAR = 15e3
 """Pa above the pressures of these tests; a set-point read in another unit of measure is further up."""
-
-
-@pytest.fixture
-def fake(bench: Bench) -> AlicatFake:
-    return bench.started(AlicatFake(bench.plant, bench.clock, seed=2))
+fake = started_fake(AlicatFake, seed=2)
 
 
 @pytest.fixture

@@ -3,8 +3,7 @@
 import math
 import random
 import struct
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -17,17 +16,13 @@ from drivers.ft300s.stream import FrameParser, GapCounter, unrest
 from drivers.interfaces import WrenchSample
 from sim_fakes.ft300s import COUNTS, PERIOD, Ft300sDevice, Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench, raises, wait_until
+from tests.simulated.bench import Bench, raises, repeated, started_fake, wait_until
 
 pytestmark = pytest.mark.speed(1.0)  # at the sensor's own speed
 
 TOOL = (1.5, -2.25, 30.0, 0.125, -0.5, 1.0)
 """N and N m, what the fake's tool weighs, and what GOOD says."""
-
-
-@pytest.fixture
-def fake(bench: Bench) -> Ft300sFake:
-    return bench.started(Ft300sFake(bench.plant, bench.clock, seed=1))
+fake = started_fake(Ft300sFake, seed=1)
 
 
 @pytest.fixture
@@ -164,28 +159,6 @@ Load = Callable[[float], tuple[float, float, float]]
 """Force on the probe's tip, N, by time in s."""
 
 
-@contextmanager
-def changing(fake: Ft300sFake, load: Load) -> Iterator[None]:
-    """The load on the tip changes until the block ends; it has begun when the block is entered."""
-    began, end, start = timing.Event(), timing.Event(), timing.now()
-
-    def change() -> None:
-        while not end.is_set():
-            with fake.device.plant.lock:
-                fake.device.plant.probe_force[:] = load(timing.now() - start)
-            began.set()
-            timing.sleep(PERIOD / 2)
-
-    thread = timing.Thread(target=change)
-    thread.start()
-    began.wait()
-    try:
-        yield
-    finally:
-        end.set()
-        thread.join()
-
-
 @pytest.mark.parametrize(
     ("load", "lever", "named"),
     [
@@ -201,8 +174,13 @@ def test_no_zero_is_taken_while_force_or_moment_change(
     opened: FT300S, fake: Ft300sFake, load: Load, lever: float, named: str
 ) -> None:
     fake.device.lever = np.array([0.0, 0.0, lever])
-    rest = opened.zero(100)
-    with changing(fake, load), pytest.raises(NotReady, match=rf"no zero taken.*{named}, limit .*hang free"):
+    rest, start = opened.zero(100), timing.now()
+
+    def change() -> None:
+        with fake.device.plant.lock:
+            fake.device.plant.probe_force[:] = load(timing.now() - start)
+
+    with repeated(change, PERIOD / 2), pytest.raises(NotReady, match=rf"no zero taken.*{named}, limit .*hang free"):
         opened.zero(100)
     assert opened.latest().zero == rest
 

@@ -8,14 +8,10 @@ from drivers.errors import DeviceFault
 from drivers.numato.driver import Config, NumatoValve
 from sim_fakes.numato import NumatoFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench, raises
+from tests.simulated.bench import Bench, raises, started_fake
 
 Opened = Callable[..., NumatoValve]
-
-
-@pytest.fixture
-def fake(bench: Bench) -> NumatoFake:
-    return bench.started(NumatoFake(bench.plant, bench.clock, relays=16))
+fake = started_fake(NumatoFake, relays=16)
 
 
 @pytest.fixture

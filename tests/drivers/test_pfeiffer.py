@@ -9,14 +9,10 @@ from drivers.errors import BadReply, DeviceFault, NoReply, WrongDevice
 from drivers.pfeiffer.driver import HEALTH_EVERY, Config, PfeifferGauge
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import AMBIENT, Plant
-from tests.simulated.bench import Bench, raises
+from tests.simulated.bench import Bench, raises, started_fake
 
 Opened = Callable[..., PfeifferGauge]
-
-
-@pytest.fixture
-def fake(bench: Bench) -> PfeifferFake:
-    return bench.started(PfeifferFake(bench.plant, bench.clock, seed=4))
+fake = started_fake(PfeifferFake, seed=4)
 
 
 @pytest.fixture

@@ -163,6 +163,7 @@ def test_an_unknown_verb_is_answered_with_the_nearest(words: list[str], said: st
         (["watch", "a.mcap", "--sped=5"], "lab watch --sped: is not an option; did you mean --speed?"),
         (["run", "-rig", "rig.yaml"], "lab run -rig: is not an option; did you mean --rig?"),
         (["safe", "--al"], "lab safe --al: is not an option; did you mean --all?"),
+        (["fakes", "--replace"], "lab fakes --replace: is not an option; lab fakes --help lists the options"),
         (["safe", "--xyzzy"], "lab safe --xyzzy: is not an option; lab safe --help lists the options"),
     ],
 )

@@ -4,7 +4,7 @@ import re
 import socket
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import psutil
@@ -13,35 +13,26 @@ from commands import SOUND, Cli
 from terminal import Terminal
 from virtual_lab import VirtualLab, meanwhile, recorded, settings
 
-import timing
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
+from tests.simulated.bench import repeated
 
 # ------------------------------------------------------------------ who may speak
 LIAR = "127.66.66.66"
 FRAME_OF_AN_OLD_SESSION = b"\x07\x00\x04\x00" + (10**6).to_bytes(4, "little")
 
 
-@contextmanager
-def forging(virtual_lab: VirtualLab) -> Iterator[None]:
+def forging(virtual_lab: VirtualLab) -> AbstractContextManager[None]:
     """Meanwhile another address sends datagrams to whatever hears any in this process."""
-    over = timing.Event()
 
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as liar:
             liar.bind((LIAR, 0))
-            while not over.wait(0.5):
-                for c in psutil.Process().net_connections("udp4"):
-                    if c.laddr.ip not in (virtual_lab.fakes.host, LIAR):
-                        liar.sendto(FRAME_OF_AN_OLD_SESSION, (c.laddr.ip, c.laddr.port))
+            for c in psutil.Process().net_connections("udp4"):
+                if c.laddr.ip not in (virtual_lab.fakes.host, LIAR):
+                    liar.sendto(FRAME_OF_AN_OLD_SESSION, (c.laddr.ip, c.laddr.port))
 
-    thread = timing.Thread(target=send)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
+    return repeated(send, 0.5)
 
 
 def test_check_tells_once_that_something_else_speaks(virtual_lab: VirtualLab, cli: Cli) -> None:

@@ -197,6 +197,7 @@ def test_a_run_begins_where_nobody_can_be_asked_only_after_a_person_said_that_al
         assert "masses.yaml needs hands 2 times" in told and not (tmp_path / "night").exists()
     assert "nobody can confirm that all is prepared (not a terminal)" in (told := cli(*words, code=1).flat) and "--yes" in told
     assert not real_lab.fakes.plant.regulator.any()
+    assert not [*tmp_path.rglob("*.mcap"), *tmp_path.rglob("bending-*")]
     words = words if verb == "run" else ("campaign", "--resume", tmp_path / "night", "--rig", rig)
     cli(*words, "--yes", code=(0, 3))
 

@@ -103,7 +103,8 @@ def test_nothing_is_proposed_that_was_measured_and_each_step_has_its_command(mad
     some = replace(read, table=read.table.take(read.table["p3"] < 1e3))
     menu = {e.id: e for e in candidate_experiments(read.robot, states(some)[0])}
     assert menu["other_chambers"].protocol["chambers"] == [3]
-    assert menu["tip_mass"].do == "hang 10 g more on the tip"  # of 15 cm; 100 g for the paper's robot
+    assert {*menu["elongation"].protocol["pressures"]} <= {*PRESSURES}
+    assert menu["tip_mass"].do == "hang about 10 g more on the tip"  # of 15 cm; 100 g for the paper's robot
 
 
 def test_the_page_ends_with_where_it_comes_from(made: tuple[Path, Path, Path]) -> None:
@@ -127,9 +128,7 @@ def test_probability_and_evidence_that_disagree_are_explained(made: tuple[Path, 
     outside = replace(second, effects=("unknown",), log_evidence=first.log_evidence + 9)
     assert disorder((first, outside)) == "" and "nan" not in shown(first, replace(outside, log_evidence=float("nan")))
     carried = replace(second, effects=("contact",), log_evidence=first.log_evidence + 9)
-    assert "over the fits of all hypotheses" in disorder((first, carried))
     assert "over the fits of all hypotheses" in shown(first, carried)
-    assert "lowers its prior" in disorder((first, replace(carried, effects=("contact", "payload"))))
 
 
 def shown(*ranking: Ranked) -> str:

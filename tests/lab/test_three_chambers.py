@@ -49,6 +49,7 @@ def test_the_virtual_robot_puts_its_tip_where_the_model_does(stated: dict[str, A
     table = {"trial": np.arange(3), "spine_length": np.zeros(3), "tip_mass": np.full(3, 0.053)}
     table |= {f"p{k}": values for k, values in enumerate(pressures.T, 1)} | dict.fromkeys("xyz", np.zeros(3))
     forward = ForwardModel(robot, design_from_columns(robot, table))
+    assert not [p.name for p in forward.parameters if p.name.endswith(".spine")]
     expected = forward.predict(np.zeros(len(forward.parameters))).reshape(3, 3)
     finer = played(robot).model_copy(update={"segments": 80})
     read = walk(VirtualRobot(finer), [Condition(0.0, tuple(p), hold=60.0) for p in pressures.tolist()])

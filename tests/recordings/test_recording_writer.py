@@ -12,6 +12,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -129,11 +130,8 @@ def test_many_producers_at_once_lose_nothing_and_keep_each_stream_in_order(tmp_p
         for k in range(3000):
             recorder.push(topic, k * 1e-3, values[topic](float(k)))
 
-    threads = [threading.Thread(target=produce, args=(topic,)) for topic in (*values, "/vacuum")]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(len(values) + 1) as pool:
+        list(pool.map(produce, (*values, "/vacuum")))
     counts = recorder.close("completed")
     recording = Recording.open(tmp_path / "a.mcap")
     for topic in ("/valve", "/force"):

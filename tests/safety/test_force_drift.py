@@ -14,6 +14,7 @@ from recordings.campaign.replay import replay, table_of
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 from sim_fakes.ft300s import Ft300sFake
+from tests.simulated.bench import repeated
 
 pytestmark = pytest.mark.long
 """Whole stiffness runs of minutes of rig time each."""
@@ -32,20 +33,16 @@ def sensor(house: House) -> Ft300sFake:
 @contextmanager
 def drifting(house: House, zero: Callable[[float], float]) -> Iterator[None]:
     """The sensor's zero moves along the push by `zero` (N) of the host seconds since the begin."""
-    device, ended, begin = sensor(house).device, timing.Event(), timing.now()
+    device, begin = sensor(house).device, timing.now()
     before = device.bias.copy()
 
     def move() -> None:
-        while not ended.wait(0.005):
-            device.bias[:3] = before[:3] + ACROSS * zero(timing.now() - begin)
+        device.bias[:3] = before[:3] + ACROSS * zero(timing.now() - begin)
 
-    thread = timing.Thread(target=move, daemon=True)
-    thread.start()
     try:
-        yield
+        with repeated(move, 0.005):
+            yield
     finally:
-        ended.set()
-        thread.join()
         device.bias[:] = before
 
 

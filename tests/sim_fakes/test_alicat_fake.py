@@ -8,14 +8,10 @@ import serial
 
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, started_fake
 
 Ask = Callable[..., str]
-
-
-@pytest.fixture
-def fake(bench: Bench) -> AlicatFake:
-    return bench.started(AlicatFake(bench.plant, bench.clock, seed=3))
+fake = started_fake(AlicatFake, seed=3)
 
 
 @pytest.fixture

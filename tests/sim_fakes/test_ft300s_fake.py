@@ -7,12 +7,9 @@ import serial
 
 import timing
 from sim_fakes.ft300s import Ft300sFake, crc16
-from tests.simulated.bench import Bench, wait_until
+from tests.simulated.bench import Bench, started_fake, wait_until
 
-
-@pytest.fixture
-def fake(bench: Bench) -> Ft300sFake:
-    return bench.started(Ft300sFake(bench.plant, bench.clock, seed=5))
+fake = started_fake(Ft300sFake, seed=5)
 
 
 @pytest.fixture

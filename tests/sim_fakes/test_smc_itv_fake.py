@@ -6,14 +6,10 @@ import pytest
 import serial
 
 from sim_fakes.smc_itv import SmcItvFake
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, started_fake
 
 Ask = Callable[[str], str]
-
-
-@pytest.fixture
-def fake(bench: Bench) -> SmcItvFake:
-    return bench.started(SmcItvFake(bench.plant, bench.clock, chambers=(4, 5), seed=3))
+fake = started_fake(SmcItvFake, chambers=(4, 5), seed=3)
 
 
 @pytest.fixture

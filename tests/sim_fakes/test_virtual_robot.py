@@ -102,17 +102,12 @@ def test_vacuum_pumps_down_and_releases_with_its_own_times() -> None:
 
 def test_jammed_spine_blocks_the_unit_and_lets_go_when_vented() -> None:
     plant, robot = Plant(), VirtualRobot()
-    plant.spine_drive = 0.1
-    run(robot, plant, 2.0)
-    assert (plant.spine_length, plant.spine_blocked) == (0.1, False)
-    plant.valve_on = True
-    run(robot, plant, 5.0)
-    plant.spine_drive = 0.15
-    run(robot, plant, 1.0)
-    assert (plant.spine_length, plant.spine_blocked) == (0.1, True)
-    plant.valve_on = False
-    run(robot, plant, 4.0)
-    assert (plant.spine_length, plant.spine_blocked) == (0.15, False)
+    for valve, drive, reached in ((False, 0.1, (0.1, False)), (True, 0.15, (0.1, True)), (False, 0.15, (0.15, False))):
+        plant.valve_on = valve
+        run(robot, plant, 5.0)
+        plant.spine_drive = drive
+        run(robot, plant, 2.0)
+        assert (plant.spine_length, plant.spine_blocked) == reached
 
 
 def test_unjammed_spine_hardly_changes_the_bending() -> None:

@@ -1,7 +1,7 @@
 """What a test of drivers or fakes starts and makes."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -56,12 +56,41 @@ class Bench:
         self.ends.close()
 
 
+def started_fake(kind: Callable[..., Any], **settings: Any) -> Any:
+    """The fixture of a fake that is started for a test."""
+
+    @pytest.fixture
+    def fake(bench: Bench) -> Any:
+        return bench.started(kind(bench.plant, bench.clock, **settings))
+
+    return fake
+
+
 def wait_until(condition: Callable[[], object], within: float = 60.0) -> None:
     """Poll until the condition holds; fails the test where it does not `within` s, far more than it takes."""
     deadline = timing.now() + within
     while not condition():
         assert timing.now() < deadline, f"not so after {within:g} s"
         timing.sleep(0.005)
+
+
+@contextlib.contextmanager
+def repeated(act: Callable[[], object], every: float) -> Iterator[None]:
+    """`act` is done once, and then every so many host seconds in a thread of its own until the block ends."""
+    ended = timing.Event()
+
+    def repeat() -> None:
+        while not ended.wait(every):
+            act()
+
+    act()
+    thread = timing.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def answered(call: Callable[[], Any], within: float = 30.0) -> Any:

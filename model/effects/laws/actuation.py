@@ -230,7 +230,7 @@ SPECS = (
         law=Law(before=_chamber_ballooning),
         citation="Polygerinos et al., IEEE T-RO 31 (2015), on fibre-reinforced bending actuators",
         shown=by_chambers,
-        seen_best_in="pressure curve at zero spine",
+        seen_best_in="pressure curve without spine",
     ),
     EffectSpec(
         id="chamber_gain",

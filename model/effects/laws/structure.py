@@ -94,7 +94,7 @@ SPECS = (
         ),
         law=Law(before=adding(bend_softening="curvature", strain_softening="strain", spine_softening="spine")),
         citation="series of the section integral of a Yeoh law, Rubber Chem. Technol. 66 (1993); neo-Hookean: b = -2",
-        seen_best_in="high pressure at zero spine; elongation",
+        seen_best_in="high pressure without spine; elongation",
     ),
     EffectSpec(
         id="viscoelastic",
