@@ -23,13 +23,17 @@ from model.effects.scales import scales
 from model.robot import Robot
 
 from ..arrays import Array, rounded
+from ..criticism.relatives import PLACES
 from ..data.campaign import Campaign, tip_masses
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.posterior import EffectPosterior
+from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
-from ..judgement import LEAST_BITS, OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
+from ..judgement import LEAST_BITS, OVERHEAD_MIN, RIVAL_LEAST_WEIGHT, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
+from .attribute import Attribution
+from .headline import relative
 from .result import Proposal
 from .rivals import RivalForecast, Rivals
+from .verdict import at_places
 
 PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
@@ -191,24 +195,42 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
 
 
 # ------------------------------------------------------------------ which of them
-def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
+def propose(f: Attribution, rivals: Rivals, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign and are expected to tell `LEAST_BITS`; none after stiffness trials alone.
 
     Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then those with most bits for
-    their time; where a person sets each state, which takes a time unknown, those with most bits.
+    their time; where a person sets each state, which takes a time unknown, those with most bits. Where a relative explains more
+    than the catalogue, separating effects of it tells as much less as they are improbable together.
     """
+    p = f.prepared
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
     menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
-    possible = frozenset(" + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING)
+    possible = frozenset(" + ".join(h) or "none" for h, share in f.posterior.ranking if share > RIVAL_WORTH_SEPARATING)
     proposals = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
     by_rig = p.robot.actuators.words.by_rig
 
     def worth(x: Proposal) -> float:
         return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if by_rig else x.expected_bits
 
-    worth_doing = (x for x in proposals if x is not None and x.expected_bits >= LEAST_BITS)
-    return tuple(sorted(worth_doing, key=lambda x: (not x.separates, -worth(x))))
+    within = 1 - f.decision.outside if f.decision.verdict == "unknown" and f.decision.relatives else 1.0
+    told = [replace(x, expected_bits=round(within * x.expected_bits, 3)) for x in proposals if x is not None]
+    told += _test_at_wall(f, next(x for x in menu if x.id == "hold"), (UNKNOWN[0], rivals.names[0]))
+    return tuple(sorted((x for x in told if x.expected_bits >= LEAST_BITS), key=lambda x: (not x.separates, -worth(x))))
+
+
+def _test_at_wall(f: Attribution, hold: Proposal, separates: tuple[str, str]) -> list[Proposal]:
+    """Where the leading relative is at walls: to hold one chamber at the wall where it is surest, which decides on it."""
+    id, words = next(iter(f.decision.relatives), ""), f.prepared.robot.actuators.words
+    sizes = at_places(f).get(id, {})
+    if f.decision.verdict != "unknown" or not sizes:
+        return []
+    places = zip(PLACES[id][0](f.prepared.robot), sizes.values(), strict=True)
+    numbers = max(places, key=lambda place: abs(place[1].value) / place[1].sd)[0]
+    share = np.array([f.decision.outside, 1 - f.decision.outside]).clip(RIVAL_LEAST_WEIGHT, 1 - RIVAL_LEAST_WEIGHT)
+    bits, do = round(float(-share @ np.log2(share)), 3), relative(id, {id: sizes}, words)[1]
+    protocol = {**hold.protocol, "chambers": [numbers[0]]}
+    return [replace(hold, id=id, do=do, separates=(separates,), expected_bits=bits, protocol=protocol)] * (len(numbers) > 1)
 
 
 def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], x: Proposal) -> Proposal | None:

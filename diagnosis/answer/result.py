@@ -234,6 +234,8 @@ class Attribute(Decision):
     """Why what is named with a high probability is not certain."""
     missing: tuple[str, ...] = ()
     """What the table lacks to name a cause."""
+    at_places: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    """Of those `relatives` that were fitted with a size at each place: place, such as chambers 3 and 4 -> size there."""
 
     @property
     def p_too_small(self) -> str:
