@@ -23,7 +23,7 @@ from model.effects.scales import scales
 from model.robot import Robot
 
 from ..arrays import Array, rounded
-from ..criticism.relatives import PLACES
+from ..criticism.relatives import PLACES, walls
 from ..data.campaign import Campaign, tip_masses
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.posterior import UNKNOWN
@@ -215,22 +215,21 @@ def propose(f: Attribution, rivals: Rivals, executor: Executor = SINGLE_THREAD) 
 
     within = 1 - f.decision.outside if f.decision.verdict == "unknown" and f.decision.relatives else 1.0
     told = [replace(x, expected_bits=round(within * x.expected_bits, 3)) for x in proposals if x is not None]
-    told += _test_at_wall(f, next(x for x in menu if x.id == "hold"), (UNKNOWN[0], rivals.names[0]))
+    if (at_wall := _at_wall(f, next(x for x in menu if x.id == "hold"))) is not None:
+        told.append(replace(at_wall, separates=((UNKNOWN[0], rivals.names[0]),) if rivals.names[0] in possible else ()))
     return tuple(sorted((x for x in told if x.expected_bits >= LEAST_BITS), key=lambda x: (not x.separates, -worth(x))))
 
 
-def _test_at_wall(f: Attribution, hold: Proposal, separates: tuple[str, str]) -> list[Proposal]:
-    """Where the leading relative is at walls: to hold one chamber at the wall where it is surest, which decides on it."""
-    id, words = next(iter(f.decision.relatives), ""), f.prepared.robot.actuators.words
+def _at_wall(f: Attribution, hold: Proposal) -> Proposal | None:
+    """The test that decides on a leading relative at walls: one chamber is held, at the wall where the relative is surest."""
+    id, robot = next(iter(f.decision.relatives), ""), f.prepared.robot
     sizes = at_places(f).get(id, {})
-    if f.decision.verdict != "unknown" or not sizes:
-        return []
-    places = zip(PLACES[id][0](f.prepared.robot), sizes.values(), strict=True)
-    numbers = max(places, key=lambda place: abs(place[1].value) / place[1].sd)[0]
+    if f.decision.verdict != "unknown" or not sizes or PLACES[id][0] is not walls:
+        return None
+    first, _ = max(zip(walls(robot), sizes.values(), strict=True), key=lambda at: abs(at[1].value) / at[1].sd)[0]
     share = np.array([f.decision.outside, 1 - f.decision.outside]).clip(RIVAL_LEAST_WEIGHT, 1 - RIVAL_LEAST_WEIGHT)
-    bits, do = round(float(-share @ np.log2(share)), 3), relative(id, {id: sizes}, words)[1]
-    protocol = {**hold.protocol, "chambers": [numbers[0]]}
-    return [replace(hold, id=id, do=do, separates=(separates,), expected_bits=bits, protocol=protocol)] * (len(numbers) > 1)
+    bits, do = round(float(-share @ np.log2(share)), 3), relative(id, {id: sizes}, robot.actuators.words)[1]
+    return replace(hold, id=id, do=do, expected_bits=bits, protocol={**hold.protocol, "chambers": [first]})
 
 
 def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], x: Proposal) -> Proposal | None:

@@ -36,18 +36,12 @@ def _highest(q: Quantities) -> Array:
 def walls(robot: Robot) -> list[tuple[int, ...]]:
     """The two neighbours about the axis, numbered from 1, that each wall parts."""
     ring = (np.argsort(np.mod(robot.actuators.azimuths_deg, 360.0), kind="stable") + 1).tolist()
-    both = zip(ring, [*ring[1:], ring[0]], strict=True)
-    return sorted({(min(pair), max(pair)) for pair in both if pair[0] != pair[1]})
-
-
-def each_actuator(robot: Robot) -> list[tuple[int, ...]]:
-    """Each actuator by itself."""
-    return [(k,) for k in range(1, len(robot.actuators.azimuths_deg) + 1)]
+    return sorted({(min(pair), max(pair)) for pair in zip(ring, [*ring[1:], ring[0]], strict=True) if pair[0] != pair[1]})
 
 
 PLACES: Mapping[str, tuple[Callable[[Robot], list[tuple[int, ...]]], str]] = {
     "shared_pressure": (walls, "neighbouring {actuators}"),
-    "regulator_offset": (each_actuator, "one {actuator}"),
+    "regulator_offset": (lambda robot: [(k,) for k, _ in enumerate(robot.actuators.azimuths_deg, 1)], "one {actuator}"),
 }
 """Relatives with a size at each place of the cross-section -> the numbers of the actuators there, and words for any of them."""
 

@@ -7,7 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diagnosis.answer.result import Value
+from diagnosis.answer.decision import Decision, Verdict
+from diagnosis.answer.experiments import propose
+from diagnosis.answer.result import Proposal, Value
 from diagnosis.answer.size import places_found
 from diagnosis.criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
 from diagnosis.criticism.outside import fit_relative, odds_outside, related
@@ -17,7 +19,7 @@ from diagnosis.data.case import states
 from diagnosis.inference.cross_validation import CrossValidation, Model
 from diagnosis.inference.evidence import Hypothesis
 from diagnosis.inference.fit import fit
-from diagnosis.inference.posterior import Related, alike
+from diagnosis.inference.posterior import UNKNOWN, Related, alike
 from diagnosis.inference.prepare import prepare, table_columns
 from diagnosis.inference.problem import Problem, derivatives
 from diagnosis.inference.search import Search
@@ -29,7 +31,7 @@ from model.effects.spec import Stage
 from model.robot import Robot, Uncertainty, robot_from_dict
 from recordings.trials import Table, TrialRow
 from tests.diagnosis.small_campaigns import FEW, measured
-from tests.diagnosis.test_case import ROBOT, Measured, case, row
+from tests.diagnosis.test_case import ROBOT, Measured, case, row, sweep
 from tests.diagnosis.toy import IDS, MM, ROBOT_LENGTH, Array, Grid, toy_problem
 from tests.model.effects.campaigns import Moved
 
@@ -142,6 +144,25 @@ def test_the_leaking_wall_and_its_share_are_found(
     assert places_found(sizes) == found
     true = {f"chambers {wall.replace('_', ' and ')}": share for wall, share in leaks.items()}
     assert all(abs(v.value - true.get(name, 0.0)) < 3 * v.sd < 0.2 for name, v in sizes.items())
+
+
+def test_a_leak_is_tested_at_its_wall_before_effects_are_told_apart_that_are_improbable_together() -> None:
+    def proposed(verdict: Verdict, outside: float) -> list[Proposal]:
+        told = SimpleNamespace(map=lambda do, menu, step: [replace(x, expected_bits=0.8) for x in menu])
+        sizes = tuple((0.3 if pair == (3, 4) else 0.02, 0.02) for pair in walls(ROBOT))
+        found = SimpleNamespace(
+            prepared=SimpleNamespace(robot=ROBOT, states=states(case(sweep()))[0], pushes_only=False),
+            posterior=SimpleNamespace(ranking=((UNKNOWN, outside), ((), 1 - outside))),
+            decision=Decision(verdict, (), outside, outside, relatives=("shared_pressure",)),
+            relatives=(Related("shared_pressure", (), 9.0, sizes), Related("shared_pressure", ("base_tilt",), 8.0, sizes[::-1])),
+        )
+        return list(propose(found, SimpleNamespace(candidates=(1, 2), names=("none", "lag")), told))  # type: ignore[arg-type]
+
+    (alone,) = proposed("unknown", 0.98)
+    assert alone.protocol["chambers"] == [3] and alone.do.startswith("hold one of chambers 3 and 4 at pressure with the other")
+    first, *others = proposed("unknown", 0.6)
+    assert first.id == alone.id and first.separates == (("unknown", "none"),) and "rate" in [x.id for x in others]
+    assert {x.expected_bits for x in others} == {0.32} and {x.expected_bits for x in proposed("effect", 0.1)} == {0.8}
 
 
 def test_cameras_that_read_too_long_are_a_relative_of_the_nearest_effect() -> None:
