@@ -464,14 +464,7 @@ def disorder(ranking: Sequence[Ranked]) -> str:
     """Why probability and evidence disagree in order; empty if they agree. `unknown` is left out: it has no evidence."""
     listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= judgement.LEAST_STATED]
     disordered = [(a, b) for a, b in combinations(listed, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
-    if not disordered:
-        return ""
-    if any(len(b.effects) <= len(a.effects) and b.effects for a, b in disordered):
-        return (
-            "Probability and evidence differ in order. The probability counts, over the fits of all hypotheses, how often an "
-            "effect moves the readings by more than the noise floor; the log evidence is that of one fit."
-        )
     return (
-        "Probability and evidence differ in order. A hypothesis with more log evidence may be less probable: naming more effects "
-        "lowers its prior, and an effect is named only if it moves the readings by more than the noise floor."
-    )
+        "Probability and evidence differ in order. Naming more effects lowers the prior. The probability counts, over the fits "
+        "of all hypotheses, how often an effect moves the readings by more than the noise floor; the log evidence is of one fit."
+    ) * bool(disordered)

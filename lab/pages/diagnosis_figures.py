@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, gap map, loops, posterior, confounding; sizes, shapes and stiffness trials."""
+"""Figures of a diagnosis: waterfall, gap map, loops, posterior; sizes, shapes and stiffness trials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from diagnosis.answer.headline import for_people, hypothesis_name, plain_name
+from diagnosis.answer.headline import for_people, hypothesis_name
 from diagnosis.answer.result import Diagnosis, Ranked, Waterfall
 from diagnosis.any_model.answer import Ranked as OfAnyModel
 from diagnosis.data.levels import levels
@@ -227,24 +227,6 @@ def posterior(
         axis.bar_label(bars, marks, fontsize=8, padding=3)
         axis.set(xlim=(0, 1.15), xticks=np.linspace(0, 1, 6), xlabel="probability")
         axis.grid(False, axis="y")
-    return path
-
-
-def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
-    """Share of each effect's tip displacement that a calibration takes over; `names` effect -> plain name."""
-    spines = len(d.locate.by.get("spine_length", ())) > 1
-    by_one_factor, by_length_factors = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
-    effects = sorted(by_one_factor, key=lambda e: by_one_factor[e])
-    rows = np.arange(len(effects))
-    with drawing(path, (5.2, 0.8 + 0.26 * len(effects))) as (figure, axis):
-        axis.barh(rows + 0.2, [100 * by_one_factor[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
-        if spines:
-            shares = [100 * by_length_factors[n] for n in effects]
-            axis.barh(rows - 0.2, shares, 0.38, color=GREY, hatch="//", label=f"{d.words.an_area_factor} for each spine length")
-        axis.set_yticks(rows, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
-        axis.set(ylim=(-0.7, len(effects) - 0.3), xlabel="share of the effect that a calibration absorbs, %")
-        axis.grid(False, axis="y")
-        figure.legend(loc="outside lower center", fontsize=8)
     return path
 
 

@@ -36,7 +36,7 @@ SECTIONS = (
     "The answer in full", "The gap, step by step", "Where it is", "What to do next", "Evidence: which cause",
     "Evidence: a campaign that was not fitted", "How large the cause is",
     "The gap by spine length, pressure, branch and time", "Which effects these data can distinguish",
-    "Confounding: what a calibration absorbs", "Stages and misfit diagnostics", "Terms",
+    "Stages and misfit diagnostics", "Terms",
 )  # fmt: skip
 
 

@@ -129,7 +129,7 @@ def test_probability_and_evidence_that_disagree_are_explained(made: tuple[Path, 
     carried = replace(second, effects=("contact",), log_evidence=first.log_evidence + 9)
     assert "over the fits of all hypotheses" in disorder((first, carried))
     assert "over the fits of all hypotheses" in shown(first, carried)
-    assert "lowers its prior" in disorder((first, replace(carried, effects=("contact", "payload"))))
+    assert "lowers the prior" in disorder((first, replace(carried, effects=("contact", "payload"))))
 
 
 def shown(*ranking: Ranked) -> str:
