@@ -102,7 +102,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     del begun  # with its search's derivatives, most of the memory
     predict_unseen = unseen_states_of(causes)
     rivals = Rivals.of(prepared, causes.posterior, causes.distinguishability)
-    proposals = propose(prepared, rivals, causes.posterior, options.executor) if options.experiments else ()
+    proposals = propose(causes, rivals, options.executor) if options.experiments else ()
     holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
     location = locate(causes, stages)
     unseen = predict_unseen()

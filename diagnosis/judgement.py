@@ -140,6 +140,9 @@ SIZE_SD_FACTOR = 1.2
 """Factor on the standard deviation of a size in the linear problem. Chosen on the practice robots."""
 SIZE_CERTAIN_SD = 1.96
 """Standard deviations from zero beyond which a size is that of a cause: the 95 % interval excludes zero."""
+PLACE_FOUND_SD, PLACE_CLEAR_SD, MOST_PLACES = 3.0, 2.0, 2
+"""Standard deviations from zero beyond which a relative is at a place, and within which it is not; most places that are named,
+where it is at none of the others. Of twelve places one is 3 away by chance in 3 % of all answers."""
 LEAST_STATED, LISTED = 0.005, 12
 """Probability below which a table does not list a hypothesis, and a sentence says "< 0.01"; hypotheses in the ranking, besides
 none and unknown, which always are."""

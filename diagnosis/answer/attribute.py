@@ -47,6 +47,8 @@ class Attribution:
     """What is stated beside the decision, with all other effects absent: its sizes are those of a robot with it alone."""
     stage_errors: tuple[StageError, ...]
     """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
+    relatives: tuple[Related, ...]
+    """Causes outside the catalogue, most probable first."""
 
     @property
     def asking(self) -> tuple[StageError, ...]:
@@ -130,6 +132,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         budget=w.budget,
         alone={h: w.search.alone(ranked.candidates[h]) for h in stated},
         stage_errors=free_forms,
+        relatives=relatives,
     )
 
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from ..arrays import Array, rms
 from ..data.levels import SPINE_GAP, levels
-from ..inference.prepare import AREA, Prepared
-from ..inference.problem import derivatives
+from ..inference.prepare import Prepared
 from ..inference.reading_noise import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
@@ -33,7 +32,6 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Ma
     section: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "best_hypothesis": list(f.best.named),
-        "confounding": _confounding(p),
         "actuators": p.robot.actuators.words.kind,
         "calibrated_on": BENCHMARK,
         "sizes": [asdict(size) | {"impossible": size.impossible} for size in named_sizes],
@@ -133,18 +131,3 @@ def _separations(f: Attribution) -> dict[str, Any]:
         "separation": d.separation[np.ix_(order, order)].tolist(),
         "tied_below": TIED,
     }
-
-
-def _confounding(p: Prepared) -> dict[str, float]:
-    """Share of each effect's squared tip displacement that one area factor takes over; 1 of nothing."""
-    parameters = p.problem.parameters
-    if AREA not in parameters.names:
-        return {}
-    slope = derivatives(p.problem.forward, np.zeros_like(parameters.sd))[1]
-    of_tip = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None]
-    area = of_tip * slope.column(parameters.names.index(AREA))[:, None]
-    moved = of_tip * (slope.take(parameters.of_effect).whole * parameters.scale)
-    # a column that only rounding makes differ from zero takes nothing over
-    beyond = moved - area @ np.linalg.lstsq(area, moved, rcond=1e-10)[0]
-    whole, left = ({e: float((x[:, parameters.mask((e,))] ** 2).sum()) for e in parameters.ids} for x in (moved, beyond))
-    return {e: 1.0 - left[e] / whole[e] if whole[e] else 1.0 for e in parameters.ids}

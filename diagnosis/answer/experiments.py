@@ -23,13 +23,17 @@ from model.effects.scales import scales
 from model.robot import Robot
 
 from ..arrays import Array, rounded
+from ..criticism.relatives import PLACES, walls
 from ..data.campaign import Campaign, tip_masses
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.posterior import EffectPosterior
+from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
-from ..judgement import LEAST_BITS, OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
+from ..judgement import LEAST_BITS, OVERHEAD_MIN, RIVAL_LEAST_WEIGHT, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
+from .attribute import Attribution
+from .headline import relative
 from .result import Proposal
 from .rivals import RivalForecast, Rivals
+from .verdict import at_places
 
 PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
@@ -193,24 +197,41 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
 
 
 # ------------------------------------------------------------------ which of them
-def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
+def propose(f: Attribution, rivals: Rivals, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign and are expected to tell `LEAST_BITS`; none after stiffness trials alone.
 
     Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then those with most bits for
-    their time; where a person sets each state, which takes a time unknown, those with most bits.
+    their time; where a person sets each state, which takes a time unknown, those with most bits. Where a relative explains more
+    than the catalogue, separating effects of it tells as much less as they are improbable together.
     """
+    p = f.prepared
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
     menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
-    possible = frozenset(" + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING)
+    possible = frozenset(" + ".join(h) or "none" for h, share in f.posterior.ranking if share > RIVAL_WORTH_SEPARATING)
     proposals = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
     by_rig = p.robot.actuators.words.by_rig
 
     def worth(x: Proposal) -> float:
         return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if by_rig else x.expected_bits
 
-    worth_doing = (x for x in proposals if x is not None and x.expected_bits >= LEAST_BITS)
-    return tuple(sorted(worth_doing, key=lambda x: (not x.separates, -worth(x))))
+    within = 1 - f.decision.outside if f.decision.verdict == "unknown" and f.decision.relatives else 1.0
+    told = [replace(x, expected_bits=round(within * x.expected_bits, 3)) for x in proposals if x is not None]
+    if (at_wall := _at_wall(f, next(x for x in menu if x.id == "hold"))) is not None:
+        told.append(replace(at_wall, separates=((UNKNOWN[0], rivals.names[0]),) if rivals.names[0] in possible else ()))
+    return tuple(sorted((x for x in told if x.expected_bits >= LEAST_BITS), key=lambda x: (not x.separates, -worth(x))))
+
+
+def _at_wall(f: Attribution, hold: Proposal) -> Proposal | None:
+    """The test that decides on a leading relative at walls: one chamber is held, at the wall where the relative is surest."""
+    id, robot = next(iter(f.decision.relatives), ""), f.prepared.robot
+    sizes = at_places(f).get(id, {})
+    if f.decision.verdict != "unknown" or not sizes or PLACES[id][0] is not walls:
+        return None
+    first, _ = max(zip(walls(robot), sizes.values(), strict=True), key=lambda at: abs(at[1].value) / at[1].sd)[0]
+    share = np.array([f.decision.outside, 1 - f.decision.outside]).clip(RIVAL_LEAST_WEIGHT, 1 - RIVAL_LEAST_WEIGHT)
+    bits, do = round(float(-share @ np.log2(share)), 3), relative(id, {id: sizes}, robot.actuators.words)[1]
+    return replace(hold, id=id, do=do, expected_bits=bits, protocol={**hold.protocol, "chambers": [first]})
 
 
 def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], x: Proposal) -> Proposal | None:

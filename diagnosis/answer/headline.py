@@ -11,11 +11,11 @@ from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 
-from ..criticism.relatives import RELATIVES
+from ..criticism.relatives import PLACES, RELATIVES
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, LEAST_STATED, LIKELY, SAME_FACTOR, TIE_STATED
 from .result import Attribute, Diagnosis, Value
-from .size import by_actuator
+from .size import by_actuator, places_found
 from .verdict import stage
 
 MOST_WORDS = 20
@@ -156,9 +156,10 @@ def headline(
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
         error = stage(a.stage_errors)
-        place = f"; it may be in the {error.stage} and {d.words.fill(error.varies)}" if error else ""
-        place = f"; it may be {RELATIVES[a.relatives[0]].name(d.words)}" if a.relatives else place
-        return f"No known cause fits {p}{place}.".replace("_", " ")
+        may_be = [f"in the {error.stage} and {d.words.fill(error.varies)}"] if error else []
+        may_be = relative(a.relatives[0], a.at_places, d.words)[0] if a.relatives else may_be
+        places = [f"; it may be {one}".replace("_", " ") for one in may_be] or [""]
+        return _short_enough(*(f"No known cause fits {p}{place}." for place in places))
     if by_calibration is not None:
         other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
         other = f"perhaps {_name_all(a.too_small, speech)}{a.p_too_small}" if a.too_small else other
@@ -166,6 +167,16 @@ def headline(
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {p}."
     return f"No cause: no known effect explains enough of the gap {p}."
+
+
+def relative(id: str, at_places: Mapping[str, Mapping[str, Value]], words: Words) -> tuple[list[str], str]:
+    """Names of a relative, the one that says most first, and the test that shows it; `at_places` as in `Attribute`."""
+    spec, sizes = RELATIVES[id], at_places.get(id, {})
+    places = places_found(sizes)
+    where = places[0] if places else words.fill(PLACES[id][1]) if id in PLACES else ""
+    in_full = [f"{place} ({_amount(sizes[place].value, sizes[place].sd, sizes[place].unit, words)})" for place in places]
+    names = [words.fill(spec.says, " and ".join(each)) for each in (in_full, places) if each]
+    return [*names, spec.name(words)], words.fill(spec.seen_best_in, where)
 
 
 def _short_enough(*texts: str) -> str:

@@ -72,8 +72,6 @@ class Locate:
     significant: bool
     by: Mapping[str, tuple[Cell, ...]]
     stage: Mapping[str, float]
-    numerical_error_mm: Number
-    """Root mean square tip error that the paper's Euler integration alone would add to its model."""
     of: Literal["tip", "deflection"] = "tip"
     """The gap's quantity: the tip's position, or, of stiffness trials alone, the deflection: a missed force over the specimen's
     stiffness. Next to tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
@@ -234,6 +232,8 @@ class Attribute(Decision):
     """Why what is named with a high probability is not certain."""
     missing: tuple[str, ...] = ()
     """What the table lacks to name a cause."""
+    at_places: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    """Of those `relatives` that were fitted with a size at each place: place, such as chambers 3 and 4 -> size there."""
 
     @property
     def p_too_small(self) -> str:

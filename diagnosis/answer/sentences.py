@@ -17,7 +17,6 @@ from model.rotation import from_vector
 
 from .. import judgement
 from ..arrays import Array
-from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..data.plausible import differ_by
 from ..findings import Finding, finding
@@ -26,7 +25,7 @@ from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
-from .headline import for_people, percent, plain_name, stated, with_id
+from .headline import for_people, percent, plain_name, relative, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size
 from .unseen import share_closed
@@ -95,8 +94,9 @@ def limited(d: Diagnosis) -> str:
 
 def _relatives(d: Diagnosis) -> str:
     """Causes outside the catalogue with the same signature, and the test for each."""
-    said = [(s.name(d.words), d.words.fill(s.seen_best_in)) for s in (RELATIVES[r] for r in d.attribute.relatives[:2])]
-    if d.attribute.verdict == "unknown":
+    a = d.attribute
+    said = [(names[0], test) for names, test in (relative(id, a.at_places, d.words) for id in a.relatives[:2])]
+    if a.verdict == "unknown":
         return "".join(f" It may be {name}. To find out, {test}." for name, test in said)
     return "".join(f" {name[0].upper()}{name[1:]} would look the same. To find out, {test}." for name, test in said)
 

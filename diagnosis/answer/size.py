@@ -17,6 +17,7 @@ from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 
+from .. import judgement
 from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
@@ -90,6 +91,13 @@ def as_fitted(s: Size, v: Value) -> Size:
 def values(found: tuple[Size, ...]) -> dict[str, Value]:
     """The same as parameter name -> median with its standard deviation."""
     return {s.name: Value(s.median, s.sd, s.unit, s.determined) for s in found}
+
+
+def places_found(at_places: Mapping[str, Value]) -> list[str]:
+    """Places (name -> size there) that stand out, the largest first; none unless all others are clear of it."""
+    found = [name for name, v in at_places.items() if abs(v.value) > judgement.PLACE_FOUND_SD * v.sd]
+    clear = all(abs(v.value) < judgement.PLACE_CLEAR_SD * v.sd for name, v in at_places.items() if name not in found)
+    return sorted(found, key=lambda name: -abs(at_places[name].value)) if clear and len(found) <= judgement.MOST_PLACES else []
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from model.robot import Robot
 from recordings.trials import Table
 
 from .. import judgement
+from ..criticism.relatives import PLACES, RELATIVES, named_places
 from ..criticism.stage_errors import StageError
 from ..data.case import lacking
 from ..findings import Finding, finding
@@ -85,7 +86,17 @@ def attribute_section(
         rivals=rivals(d, f.posterior) if d.probability < judgement.CAUSE_PROBABILITY else (),
         doubts=tuple(map(str, why)),
         missing=tuple(map(f.prepared.robot.actuators.words.fill, lacking(f.prepared.states))),
+        at_places=at_places(f),
     )
+
+
+def at_places(f: Attribution) -> dict[str, dict[str, Value]]:
+    """See `Attribute.at_places`."""
+    out, fitted = {}, (r for r in f.relatives if r.sizes and r.relative in PLACES and r.relative in f.decision.relatives)
+    for r in reversed(list(fitted)):  # the most probable one beside other effects counts
+        names, unit = named_places(r.relative, f.prepared.robot), RELATIVES[r.relative].parameters[0].unit
+        out[r.relative] = {name: Value(*size, unit) for name, size in zip(names, r.sizes, strict=True)}
+    return out
 
 
 def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:

@@ -20,6 +20,7 @@ from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.shows import by_chambers, with_spine
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
+from model.robot import Robot
 
 from ..arrays import Array
 
@@ -32,22 +33,33 @@ def _highest(q: Quantities) -> Array:
     return np.asarray(np.maximum(q.design.pressure.max(axis=1), 0.0)[None] / q.scales.pressure)
 
 
+def walls(robot: Robot) -> list[tuple[int, ...]]:
+    """The two neighbours about the axis, numbered from 1, that each wall parts."""
+    ring = (np.argsort(np.mod(robot.actuators.azimuths_deg, 360.0), kind="stable") + 1).tolist()
+    return sorted({(min(pair), max(pair)) for pair in zip(ring, [*ring[1:], ring[0]], strict=True) if pair[0] != pair[1]})
+
+
+PLACES: Mapping[str, tuple[Callable[[Robot], list[tuple[int, ...]]], str]] = {
+    "shared_pressure": (walls, "neighbouring {actuators}"),
+    "regulator_offset": (lambda robot: [(k,) for k, _ in enumerate(robot.actuators.azimuths_deg, 1)], "one {actuator}"),
+}
+"""Relatives with a size at each place of the cross-section -> the numbers of the actuators there, and words for any of them."""
+
+
+def _at_each(v: Values) -> Array:
+    """(v, n, places) sizes at all places."""
+    return np.stack(np.broadcast_arrays(*v.values()), axis=-1)
+
+
 def _shared_pressure(q: Quantities, v: Values) -> None:
-    """Half a share of each difference to both neighbours; shares vary about the axis by two harmonics."""
-    azimuth = np.mod(np.radians(q.robot.actuators.azimuths_deg), 2 * np.pi)
-    ring = np.argsort(azimuth, kind="stable")
-    wall = azimuth[ring] + 0.5 * np.mod(np.roll(azimuth[ring], -1) - azimuth[ring], 2 * np.pi)  # to the next chamber
-    share = v["share"][..., None] + sum(
-        v[f"x{k}"][..., None] * np.cos(k * wall) + v[f"y{k}"][..., None] * np.sin(k * wall) for k in (1, 2)
-    )
-    p = q.pressure[..., ring]
-    gained = 0.5 * share * (np.roll(p, -1, axis=-1) - p)
-    q.pressure = q.pressure + (gained - np.roll(gained, 1, axis=-1))[..., np.argsort(ring)]
+    """P_i + sum w_ik (P_k - P_i) over both neighbours k: a share of each difference passes the wall."""
+    first, second = np.array(walls(q.robot)).T - 1
+    passed, one = _at_each(v) * (q.pressure[..., second] - q.pressure[..., first]), np.eye(q.pressure.shape[-1])
+    q.pressure = q.pressure + passed @ (one[first] - one[second])
 
 
 def _zeros(q: Quantities, v: Values) -> None:
-    azimuth = np.radians(q.robot.actuators.azimuths_deg)
-    q.pressure = q.pressure + v["x"][..., None] * np.cos(azimuth) + v["y"][..., None] * np.sin(azimuth)
+    q.pressure = q.pressure + _at_each(v)
 
 
 def _times(name: str, growth: Callable[[Quantities, Values], Array]) -> Law:
@@ -72,8 +84,11 @@ ANGLE = math.radians(1.5)
 
 
 def _relative(id: str, stage: Stage, label: str, told_by: str, law: Law, *parameters: Parameter) -> EffectSpec:
+    """`label` and `told_by` have {} for the place of a relative of `PLACES`."""
     shown = {"structure": with_spine, "actuation": by_chambers}.get(stage)
-    return EffectSpec(id, stage, "", parameters, law, "mechanics", told_by, label, tolerated=False, shown=shown, standard=True)
+    anywhere, says = (label.format(PLACES[id][1]), label) if id in PLACES else (label, "")
+    spec = EffectSpec(id, stage, "", parameters, law, "mechanics", told_by, anywhere, says)
+    return replace(spec, tolerated=False, shown=shown, standard=True)
 
 
 AGAIN = "repeat the first trial at the end of the campaign"
@@ -82,13 +97,13 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
     for s in (
         replace(CATALOGUE["chamber_gain"], tolerated=False, shown=by_chambers, seen_best_in="inflate other chambers"),
         _relative(
-            "shared_pressure", "actuation", "leaks between neighbouring chambers",
-            "measure the pressure in a vented chamber while its neighbour is inflated",
-            Law(before=_shared_pressure), *(Parameter(k, "1", 0.15, -0.5, 0.5) for k in ("share", "x1", "y1", "x2", "y2"))),
+            "shared_pressure", "actuation", "leaks between {}",
+            "hold one of {} at pressure with the other vented, and read the pressure in the vented one and the tip",
+            Law(before=_shared_pressure), Parameter("share", "1", 0.13, 0.0, 0.5)),
         _relative(
-            "regulator_offset", "actuation", "an offset of one {actuator}'s regulator",
+            "regulator_offset", "actuation", "a regulator's offset at {}",
             "read the pressure gauges with all {actuators} open to the air",
-            Law(before=_zeros), Parameter("x", "Pa", 2.5e3, -25e3, 25e3), Parameter("y", "Pa", 2.5e3, -25e3, 25e3)),
+            Law(before=_zeros), Parameter("zero", "Pa", 2.5e3, -25e3, 25e3)),
         _relative(
             "gauge_drift", "actuation", "drift of the pressure gauges", AGAIN,
             _times("pressure", lambda q, v: (v["gain"] * q.design.progress)[..., None]), Parameter("gain", "1", 0.05, -0.5, 0.5)),
@@ -130,3 +145,18 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
 })  # fmt: skip
 """By id; `seen_best_in` distinguishes it from others. Unequal chambers are a relative if they are not in the catalogue, because
 these states cannot show them."""
+
+
+def relatives(robot: Robot) -> dict[str, EffectSpec]:
+    """The relatives of a robot: those of `PLACES` with one size at each place."""
+    out = dict(RELATIVES)
+    for id, (places, _) in PLACES.items():
+        (size,), spec = RELATIVES[id].parameters, out.pop(id)
+        each = tuple(replace(size, name="_".join([size.name, *map(str, numbers)])) for numbers in places(robot))
+        out |= {id: replace(spec, parameters=each)} if each else {}
+    return out
+
+
+def named_places(id: str, robot: Robot) -> list[str]:
+    """Names of the places of a relative of `PLACES`, in the order of its sizes."""
+    return [robot.actuators.words.group(numbers).replace(", ", " and ") for numbers in PLACES[id][0](robot)]

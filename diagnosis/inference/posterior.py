@@ -74,6 +74,8 @@ class Related:
     relative: str
     beside: Hypothesis
     log_evidence: float
+    sizes: tuple[tuple[float, float], ...] = ()
+    """Mean and standard deviation of each of its parameters, where it was fitted."""
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, gap map, loops, posterior, confounding; sizes, shapes and stiffness trials."""
+"""Figures of a diagnosis: waterfall, gap map, loops, posterior; sizes, shapes and stiffness trials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from diagnosis.answer.headline import for_people, hypothesis_name, plain_name
+from diagnosis.answer.headline import for_people, hypothesis_name
 from diagnosis.answer.result import Diagnosis, Ranked, Waterfall
 from diagnosis.any_model.answer import Ranked as OfAnyModel
 from diagnosis.data.levels import levels
@@ -226,19 +226,6 @@ def posterior(
         marks = [f"{r.probability:.2f}" + (" *" if set(r.effects) & tied else "") for r in ranking]
         axis.bar_label(bars, marks, fontsize=8, padding=3)
         axis.set(xlim=(0, 1.15), xticks=np.linspace(0, 1, 6), xlabel="probability")
-        axis.grid(False, axis="y")
-    return path
-
-
-def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
-    """Share of each effect's tip displacement that one area factor takes over; `names` effect -> plain name."""
-    share: Mapping[str, float] = d.detail["confounding"]
-    effects = sorted(share, key=lambda e: share[e])
-    rows = np.arange(len(effects))
-    with drawing(path, (5.2, 0.8 + 0.26 * len(effects))) as (_, axis):
-        axis.barh(rows, [100 * share[e] for e in effects], 0.6, color=BLUE)
-        axis.set_yticks(rows, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
-        axis.set(ylim=(-0.7, len(effects) - 0.3), xlabel=f"share of the effect that one {d.words.area_factor} absorbs, %")
         axis.grid(False, axis="y")
     return path
 

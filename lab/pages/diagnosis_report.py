@@ -76,10 +76,6 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
             _pushed(report.section("Stiffness trials", folded=tips), d, folder)
         if tips:
             alike(report.section("Which effects these data can distinguish", folded=True), d)
-        if d.detail["confounding"]:
-            section = report.section("Confounding: what a calibration absorbs", folded=True)
-            how = "Share of each effect's tip displacement that a calibration absorbs, computed at the uncalibrated model"
-            section.figure(draw.confounding(d, d.names, folder / "confounding.svg"), how)
         _misfit(report.section("Stages and misfit diagnostics", folded=True), d)
         if quantities(table):
             own = report.section("What the lab's own sensors measured", folded=True)
@@ -242,9 +238,6 @@ def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
         rows.append([level, str(c.n), f"{c.rmse_mm:.2f}", ends, "*" if c.significant else ""])
     s.table(("where", "states", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
     s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
-    euler = d.locate.numerical_error_mm
-    if d.locate.of == "tip" and np.isfinite(euler):
-        s.text(f"The paper's Euler integration alone would add {euler:.2f} mm rms; it is not part of this gap.")
 
 
 def _pushed(s: PageSection, d: Diagnosis, folder: Path) -> None:

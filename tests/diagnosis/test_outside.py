@@ -1,20 +1,25 @@
 """Causes outside the catalogue: what relatives explain, errors of a stage, misfits, and prediction of unseen values."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from diagnosis.answer.decision import Decision, Verdict
+from diagnosis.answer.experiments import propose
+from diagnosis.answer.result import Proposal, Value
+from diagnosis.answer.size import places_found
 from diagnosis.criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
-from diagnosis.criticism.outside import odds_outside, related
-from diagnosis.criticism.relatives import RELATIVES
+from diagnosis.criticism.outside import fit_relative, odds_outside, related
+from diagnosis.criticism.relatives import RELATIVES, named_places, relatives, walls
 from diagnosis.criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from diagnosis.data.case import states
 from diagnosis.inference.cross_validation import CrossValidation, Model
 from diagnosis.inference.evidence import Hypothesis
 from diagnosis.inference.fit import fit
-from diagnosis.inference.posterior import Related, alike
+from diagnosis.inference.posterior import UNKNOWN, Related, alike
 from diagnosis.inference.prepare import prepare, table_columns
 from diagnosis.inference.problem import Problem, derivatives
 from diagnosis.inference.search import Search
@@ -23,10 +28,12 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.spec import Stage
-from model.robot import Uncertainty
+from model.robot import Robot, Uncertainty, robot_from_dict
+from recordings.trials import Table, TrialRow
 from tests.diagnosis.small_campaigns import FEW, measured
-from tests.diagnosis.test_case import ROBOT, case
+from tests.diagnosis.test_case import ROBOT, Measured, case, row, sweep
 from tests.diagnosis.toy import IDS, MM, ROBOT_LENGTH, Array, Grid, toy_problem
+from tests.model.effects.campaigns import Moved
 
 
 @dataclass(frozen=True)
@@ -78,13 +85,84 @@ def test_a_relative_of_size_zero_does_nothing_and_moves_some_reading(id: str) ->
     assert np.abs(slope).max() > 0
 
 
-def test_air_passes_through_one_wall_alone() -> None:
-    robot = ROBOT.replace(chambers=ROBOT.actuators.model_copy(update={"azimuths_deg": [0.0, 240.0, 120.0]}))
-    beside = np.radians(180.0)  # the wall between the second and the third
-    one = {"share": 1, "x1": 2 * np.cos(beside), "y1": 2 * np.sin(beside), "x2": 0, "y2": 0}
-    q = SimpleNamespace(robot=robot, pressure=np.array([[[9e4, 6e4, 2e4]]]))
-    RELATIVES["shared_pressure"].law.before(q, {name: np.array([[0.36 / 3 * x]]) for name, x in one.items()})  # type: ignore
-    assert q.pressure[0, 0] == pytest.approx([9e4, 6e4 - 0.18 * 4e4, 2e4 + 0.18 * 4e4])
+def small(azimuths: Sequence[float]) -> Robot:
+    """A small robot without spine, its chambers in any order about the axis."""
+    chambers = {"radius": 0.004, "path_radius": 0.014, "azimuths_deg": list(azimuths)}
+    return robot_from_dict({
+        "name": "small", "length": 0.2, "outer_radius": 0.02, "inner_radius": 0.006, "density": 1080.0, "youngs_modulus": 6e5,
+        "shear_modulus": 2e5, "tip_mass": 0.0, "gravity": [0, 0, 9.81], "area_factor": 1.0, "chambers": chambers,
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "parted"),
+    [((0, 180), {(1, 2)}), ((0, 240, 120), {(1, 2), (2, 3), (1, 3)}), ((10, -80, 190, 100), {(1, 2), (2, 3), (3, 4), (1, 4)})],
+)
+def test_a_share_of_the_difference_passes_each_wall_whose_neighbours_are_so_by_angle(
+    azimuths: Sequence[float], parted: set[tuple[int, ...]]
+) -> None:
+    robot = small(azimuths)
+    spec = relatives(robot)["shared_pressure"]
+    assert set(walls(robot)) == parted and len(spec.parameters) == len(parted)
+    inside = np.arange(1.0, len(azimuths) + 1)[None, None] ** 2
+    for k, (i, j) in enumerate(walls(robot)):
+        q = SimpleNamespace(robot=robot, pressure=inside)
+        spec.law.before(q, {p.name: np.full((1, 1), 0.3 * (m == k)) for m, p in enumerate(spec.parameters)})  # type: ignore
+        by = 0.3 * (j**2 - i**2)
+        changed = {n + 1: x for n, x in enumerate((q.pressure - inside)[0, 0].tolist()) if x}
+        assert changed == pytest.approx({i: by, j: -by})
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "leaks", "found"),
+    [
+        ((0, 72, 144, 216, 288), {"1_5": 0.25}, ["chambers 1 and 5"]),
+        ((0, 120, 60, 180, 300, 240), {"2_3": 0.3}, ["chambers 2 and 3"]),
+        ((0, 120, 60, 180, 300, 240), {"2_3": 0.3, "5_6": 0.2}, ["chambers 2 and 3", "chambers 5 and 6"]),
+        ((0, 90, 180, 270), {"1_2": 0.2, "2_3": 0.2, "3_4": 0.2}, []),
+    ],
+)
+def test_the_leaking_wall_and_its_share_are_found(
+    azimuths: Sequence[float], leaks: Mapping[str, float], found: list[str]
+) -> None:
+    robot, rows = small(azimuths), list[TrialRow]()
+    for trial, k in enumerate(2 * tuple(range(len(azimuths)))):
+        alone = np.eye(len(azimuths))[k]
+        rows += [replace(row(trial + 1, i, 0.0, 0.0), pressures=tuple(60e3 * i * alone), tip=(0.0, 0.0, 0.2)) for i in range(3)]
+    leaking = {"shared_pressure": relatives(robot)["shared_pressure"]}
+    table = Table.of(rows)
+    tips = Moved(robot, table_columns(states(Measured(robot, table))[0]), area="one", catalogue=leaking).tips(
+        {f"shared_pressure.share_{wall}": share for wall, share in leaks.items()}
+    )
+    tips = tips + 0.3e-3 * np.random.default_rng(0).normal(size=tips.shape)
+    table = Table.of([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
+    prepared = prepare(robot, states(Measured(robot, table))[0], catalogue={"base_tilt": CATALOGUE["base_tilt"]})
+    search = Search(prepared.problem)
+    search.run()
+    leak = fit_relative(prepared, Related("shared_pressure", (), 0.0), search.with_all_derivatives(search.found[()]))[0]
+    sizes = {name: Value(*size, "1") for name, size in zip(named_places(leak.relative, robot), leak.sizes, strict=True)}
+    assert places_found(sizes) == found
+    true = {f"chambers {wall.replace('_', ' and ')}": share for wall, share in leaks.items()}
+    assert all(abs(v.value - true.get(name, 0.0)) < 3 * v.sd < 0.2 for name, v in sizes.items())
+
+
+def test_a_leak_is_tested_at_its_wall_before_effects_are_told_apart_that_are_improbable_together() -> None:
+    def proposed(verdict: Verdict, outside: float) -> list[Proposal]:
+        told = SimpleNamespace(map=lambda do, menu, step: [replace(x, expected_bits=0.8) for x in menu])
+        sizes = tuple((0.3 if pair == (3, 4) else 0.02, 0.02) for pair in walls(ROBOT))
+        found = SimpleNamespace(
+            prepared=SimpleNamespace(robot=ROBOT, states=states(case(sweep()))[0], pushes_only=False),
+            posterior=SimpleNamespace(ranking=((UNKNOWN, outside), ((), 1 - outside))),
+            decision=Decision(verdict, (), outside, outside, relatives=("shared_pressure",)),
+            relatives=(Related("shared_pressure", (), 9.0, sizes), Related("shared_pressure", ("base_tilt",), 8.0, sizes[::-1])),
+        )
+        return list(propose(found, SimpleNamespace(candidates=(1, 2), names=("none", "lag")), told))  # type: ignore[arg-type]
+
+    (alone,) = proposed("unknown", 0.98)
+    assert alone.protocol["chambers"] == [3] and alone.do.startswith("hold one of chambers 3 and 4 at pressure with the other")
+    first, *others = proposed("unknown", 0.6)
+    assert first.id == alone.id and first.separates == (("unknown", "none"),) and "rate" in [x.id for x in others]
+    assert {x.expected_bits for x in others} == {0.32} and {x.expected_bits for x in proposed("effect", 0.1)} == {0.8}
 
 
 def test_cameras_that_read_too_long_are_a_relative_of_the_nearest_effect() -> None:

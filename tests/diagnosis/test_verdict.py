@@ -42,7 +42,7 @@ from model.robot import Robot
 from tests.diagnosis.test_findings import ANSWER
 from tests.diagnosis.toy import parameter, parameters
 
-WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
+WHERE = Locate(3.0, 0.5, True, {}, {})
 BUDGET = (Carries("base_tilt", "named", 2.5, 2.0, 3.0), Carries("contact", "present", 0.4, 0.1, 0.8))
 NAMES = {"base_tilt": "tilt of the base"}
 MATERIAL = (StageError("material", "time", 20.0),)
@@ -300,6 +300,25 @@ def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_
     found = attributed(facts(OUTSIDE), relatives=outside.relatives)
     assert "It may be a mount that turns during the campaign. To find out, repeat the first trial" in statement(found)
     assert headline(found, CATALOGUE).endswith("; it may be a mount that turns during the campaign.")
+
+
+def test_where_a_relative_is_at_one_place_or_two_the_answer_names_them_with_the_size_and_else_names_none() -> None:
+    def told(relative: str, unit: str, **places: float) -> Diagnosis:
+        sizes = {name.replace("_", " "): Value(value, 0.03 if unit == "1" else 200.0, unit) for name, value in places.items()}
+        outside = replace(decide(OUTSIDE, True), relatives=(relative,))
+        found = attributed(facts(OUTSIDE), relatives=outside.relatives, at_places={relative: sizes})
+        return replace(found, headline=headline(found, CATALOGUE))
+
+    one = told("shared_pressure", "1", chambers_3_and_4=0.3, chambers_1_and_2=0.05)
+    assert one.headline.endswith("; it may be leaks between chambers 3 and 4 (30 ± 3 %).")
+    assert "leaks between chambers 3 and 4 (30 ± 3 %). To find out, hold one of chambers 3 and 4 at pressure" in statement(one)
+    two = told("shared_pressure", "1", chambers_3_and_4=0.12, chambers_1_and_2=0.3, chambers_2_and_3=0.0)
+    assert "chambers 1 and 2 (30 ± 3 %) and chambers 3 and 4 (12 ± 3 %). To find out, hold one of chambers 1" in statement(two)
+    for spread in ({"chambers_1_and_2": 0.3, "chambers_2_and_3": 0.07}, {f"chambers_{k}_and_{k + 1}": 0.3 for k in (1, 2, 3)}):
+        assert "may be leaks between neighbouring chambers. To find out" in statement(told("shared_pressure", "1", **spread))
+    offset = told("regulator_offset", "Pa", chamber_1=100.0, chamber_2=-3100.0)
+    assert offset.headline.endswith("; it may be a regulator's offset at chamber 2 (-3.1 ± 0.2 kPa).")
+    assert all(len(d.headline.split()) <= MOST_WORDS for d in (one, two, offset))
 
 
 def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_robot_leaves_little() -> None:
