@@ -29,7 +29,7 @@ from .. import judgement
 from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
-from ..inference.fit import fit
+from ..inference.fit import Fit, fit
 from ..inference.jacobian import Columns
 from ..inference.posterior import Related, log_weight, odds_of_relatives
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
@@ -69,7 +69,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
     fitted: list[Related] = []
     while unfitted and p.baseline is None and len(fitted) < MOST_FITTED and weight(unfitted[0]) > least_weight:
         first = unfitted.pop(0)
-        with_it, without = fit_relative(p, first, promised[first.relative, first.beside][1])
+        with_it, without = fit_relative(p, first, promised[first.relative, first.beside][1], least_weight)
         fitted.append(replace(with_it, log_evidence=with_it.log_evidence - above(first.beside, without)))
         if unfitted and weight(max(fitted, key=weight)) > weight(unfitted[0]):
             break
@@ -98,8 +98,9 @@ def _log_weight(r: Related, effects: int) -> float:
     return log_weight(named, r.log_evidence, of) if len(named) in judgement.PRIOR_OF_NUMBER else -math.inf
 
 
-def fit_relative(p: Prepared, r: Related, start: Candidate) -> tuple[Related, float]:
-    """A relative and the effects beside it, fitted from a candidate's fit, and log evidence of the effects alone there."""
+def fit_relative(p: Prepared, r: Related, start: Candidate, least_weight: float) -> tuple[Related, float]:
+    """A relative and the effects beside it, fitted from a candidate's fit, and log evidence of the effects alone there. It is
+    searched with derivatives by these alone first, and to its end where it then still promises `least_weight`."""
     of_problem = p.problem.parameters
     forward = _with_relatives(p, {r.relative: relatives(p.robot)[r.relative]})
     infos = parameters(possible(forward, p.robot)).infos
@@ -114,8 +115,14 @@ def fit_relative(p: Prepared, r: Related, start: Candidate) -> tuple[Related, fl
     named = (*r.beside, r.relative)
     theta = np.where(place < 0, 0.0, start.fit.theta[place])
     theta[[i for i, e in enumerate(wider.effects) if e in start.named and e not in named]] = 0.0
-    best = fit(problem, wider.prior_of(named, judgement.FIT_TOLERATED_SIZE), judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
-    with_it, without = weigh(best.whole(problem, named).linear(problem), KNOWN, wider, [named, r.beside])
+    prior = wider.prior_of(named, judgement.FIT_TOLERATED_SIZE)
+    begun: Array | Fit = theta
+    for frozen in (problem.jacobian(theta)[1], None):
+        best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, begun, ROUNDS, frozen)
+        begun = best.whole(problem, named)
+        with_it, without = weigh(begun.linear(problem), KNOWN, wider, [named, r.beside])
+        if _log_weight(replace(r, log_evidence=with_it.log_evidence), len(of_problem.ids)) <= least_weight:
+            break
     mean, sd = with_it.averaged_mean * wider.scale, judgement.SIZE_SD_FACTOR * with_it.averaged_sd * wider.scale
     own = wider.mask((r.relative,))
     sizes = tuple(zip(mean[own].tolist(), sd[own].tolist(), strict=True))

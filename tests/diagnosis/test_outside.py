@@ -139,7 +139,7 @@ def test_the_leaking_wall_and_its_share_are_found(
     prepared = prepare(robot, states(Measured(robot, table))[0], catalogue={"base_tilt": CATALOGUE["base_tilt"]})
     search = Search(prepared.problem)
     search.run()
-    leak = fit_relative(prepared, Related("shared_pressure", (), 0.0), search.with_all_derivatives(search.found[()]))[0]
+    leak = fit_relative(prepared, Related("shared_pressure", (), 0.0), search.with_all_derivatives(search.found[()]), -np.inf)[0]
     sizes = {name: Value(*size, "1") for name, size in zip(named_places(leak.relative, robot), leak.sizes, strict=True)}
     assert places_found(sizes) == found
     true = {f"chambers {wall.replace('_', ' and ')}": share for wall, share in leaks.items()}
