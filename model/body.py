@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -23,6 +24,9 @@ Number = TypeVar("Number", float, Array)
 
 PIECES = 6
 """Of a whole body that tapers; each has the mean compliance of its length."""
+CAP_REACH = 1.0
+"""Outer radii before the end of the chamber that reaches farthest within which others push on the same cap: over about as much a
+force spreads in a section (Saint-Venant), and a rod does not resolve where it acts."""
 NODES, WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(3), (1.0, 0.0), strict=True))
 """Of a quadrature over 0..1."""
 
@@ -47,8 +51,6 @@ class Body:
     """(k, actuators) m^2 of each chamber, geometric, 0 where it has ended; of tendons negative, see `Tendons.area`."""
     path_radius: Array
     """m."""
-    tip_area: Array
-    """(actuators,) m^2 with which the tip is pushed; none of tendons, which act along the arc alone."""
 
     def __len__(self) -> int:
         return len(self.area)
@@ -67,6 +69,25 @@ class Body:
     def mean_second(self) -> float:
         """m^4 of a uniform body that a moment turns as much: 1 / mean(1 / I)."""
         return float(self.length.sum() / (self.length / self.second).sum())
+
+    @cached_property
+    def ended(self) -> Array:
+        """(actuators,) m where each ends, 0 where it acts nowhere."""
+        acts = self.chamber_area != 0
+        return np.asarray(self.edges[len(self) - np.argmax(acts[::-1], axis=0)] * acts.any(axis=0))
+
+    @cached_property
+    def tip_area(self) -> Array:
+        """(actuators,) m^2 with which a cap is pushed. No chamber bends what lies beyond it, so that a force along the tip is one
+        along the cap. 0 of chambers that end before (`uncapped`), and of tendons, which act along the arc alone."""
+        capped = self.ended >= self.ended.max() - CAP_REACH * self.outer_radius[-1]
+        at_end = self.chamber_area[np.searchsorted(self.edges, self.ended) - 1, np.arange(len(self.ended))]
+        return np.maximum(capped * at_end, 0.0)
+
+    @property
+    def uncapped(self) -> list[int]:
+        """Numbers, from 1, of chambers beyond whose end others go on bending the body: their side walls take the thrust."""
+        return (np.flatnonzero((self.ended > 0) & (self.tip_area == 0)) + 1).tolist()
 
     def mean(self, values: Array) -> Array:
         """The mean over the body's length of values (k, ..) of its pieces."""
@@ -95,8 +116,7 @@ def body_of(robot: Robot) -> Body:
     stretch, bend, twist, weight, outer, chamber, path = np.array(values).T
     acts = np.array(edges)[:-1, None] < ends[None, :] - 1e-9
     area = acts * chamber[:, None]
-    at_tip = area[-1] if robot.tendons is None else np.zeros(len(ends))
-    return Body(np.array(edges), stretch, bend, twist, weight, outer, area, path, at_tip)
+    return Body(np.array(edges), stretch, bend, twist, weight, outer, area, path)
 
 
 def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:

@@ -47,15 +47,9 @@ class ErrorTable:
     residual: Array
     """(n, 3) measured minus model, m, base frame, in the order of the states."""
 
-    @property
-    def worst_percent_x(self) -> float:
-        """The paper's headline: largest mean error in X of any spine length, % of the robot's length."""
-        return 100 * max(row.mean_abs_x for row in self.rows) / self.length
-
-    @property
-    def worst_percent_z(self) -> float:
-        """Same along the hanging rod (the paper's Y)."""
-        return 100 * max(row.mean_abs_z for row in self.rows) / self.length
+    def worst_percent(self, axis: str) -> float:
+        """Largest mean error along an axis of any spine length, % of the robot's length; x is the paper's headline, z its Y."""
+        return 100 * max(getattr(row, f"mean_abs_{axis}") for row in self.rows) / self.length
 
     def as_dict(self) -> dict[str, object]:
         """JSON-able; lengths in m."""
@@ -63,8 +57,7 @@ class ErrorTable:
             "rows": [asdict(row) for row in self.rows],
             "length": self.length,
             "rmse": self.rmse,
-            "worst_percent_x": self.worst_percent_x,
-            "worst_percent_z": self.worst_percent_z,
+            **{f"worst_percent_{axis}": self.worst_percent(axis) for axis in "xz"},
         }
 
 

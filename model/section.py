@@ -7,12 +7,10 @@ body's alone; the shear modulus of the part with spine keeps the ratio to Young'
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from model.arrays import Array
 from model.body import annulus_second_moment, body_of
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
     from model.rods import Rods
 
 
-__all__ = ["annulus_second_moment", "body_area", "body_mass", "body_second_moment", "combined_modulus", "rods_of"]
+__all__ = ["annulus_second_moment", "body_area", "body_mass", "body_second_moment", "rods_of"]
 
 
 def body_area(robot: Robot) -> float:
@@ -40,19 +38,6 @@ def body_mass(robot: Robot) -> float:
     """Mass of the body, kg: no spine, no tip."""
     body = body_of(robot)
     return robot.density * float(body.mean(body.weight_area)) * robot.length
-
-
-def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:
-    """E_eq (Pa) of the part that holds the spine, eq. 10, at spine length (m).
-
-    Volumes are taken over that part: V_c the annulus, V_s the spine, V_total their sum. At length 0 it is the body's own.
-    """
-    length, body = np.asarray(spine_length, float), body_area(robot)
-    if robot.spine is None:
-        return np.full(length.shape, robot.youngs_modulus)
-    spine = math.pi * robot.spine.radius**2
-    mixed = (body * robot.youngs_modulus + spine * robot.spine.modulus_at(length)) / (body + spine)
-    return np.where(length > 0, mixed, robot.youngs_modulus)
 
 
 def rods_of(robot: Robot, states: States, variants: Mapping[str, Array] | None = None) -> Rods:

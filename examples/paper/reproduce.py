@@ -28,7 +28,7 @@ from model.condition import States, conditions
 from model.effects.layout import INNER, OUTER
 from model.robot import Robot, load_robot
 from model.rods import FINE, PAPER, Paper, Rods, solve
-from model.section import annulus_second_moment, body_area, body_second_moment, combined_modulus, rods_of
+from model.section import annulus_second_moment, body_area, body_second_moment, rods_of
 
 Array = NDArray[np.float64]
 ROBOT = load_robot(Path(__file__).with_name("robot.yaml"))
@@ -182,6 +182,12 @@ def added_bending(robot: Robot, lengths: Array) -> Array:
     assert robot.spine is not None
     spine = robot.spine.modulus_at(lengths) * annulus_second_moment(robot.spine.radius)
     return robot.youngs_modulus * body_second_moment(robot) + np.where(lengths > 0, spine, 0.0)
+
+
+def mixed_bending(robot: Robot, lengths: Array) -> Array:
+    """E_eq I (N m^2) of the part with spine at spine lengths (m): Young's moduli mixed by volume (eq. 10)."""
+    bend = rods_of(robot, conditions(robot, lengths, np.zeros(9))).field("bend_stiffness")[..., 0]
+    return np.where(lengths > 0, bend[:, INNER], bend[:, OUTER])
 
 
 def area_by_reading(robot: Robot = ROBOT) -> dict[str, Area]:
@@ -350,7 +356,7 @@ def main(out: Path) -> None:
     c, forms, areas = curves(), modulus_forms(ROBOT.spine.modulus if ROBOT.spine else {}), area_by_reading()
     longer = elongation()
     show(c, forms, areas, longer)
-    stiffer = combined_modulus(ROBOT, SPINE_LENGTHS) * body_second_moment(ROBOT) / added_bending(ROBOT, SPINE_LENGTHS)
+    stiffer = mixed_bending(ROBOT, SPINE_LENGTHS) / added_bending(ROBOT, SPINE_LENGTHS)
     numbers = {"spine_lengths": SPINE_LENGTHS, "pressures": PRESSURES, **c._asdict(), "published_error_xy": PUBLISHED,
                "elongation_pressures": EXTENDING, "elongation": longer,
                "modulus_forms": [f._asdict() for f in forms], "stiffness_by_volume_over_added": stiffer,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from diagnosis.data.plausible import differ_by
-from model.body import annulus_second_moment
+from model.body import annulus_second_moment, body_of
 from model.robot import Robot
 from model.section import body_mass
 from model.stated import AREA_FACTOR
@@ -55,6 +55,13 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
         )
     if 0 < robot.density < LEAST_DENSITY:
         yield f"density is {robot.density:g} kg/m^3, below a foam's ({LEAST_DENSITY:g}): if it is in g/cm^3, multiply by 1000"
+    if robot.chambers is not None and robot.thrust != "walls" and (early := (along := body_of(robot)).uncapped):
+        first, farthest, radius = (1e3 * x for x in (along.ended[early[0] - 1], max(along.ended), along.outer_radius[-1]))
+        yield (
+            f"chambers.ends: {driven.words.group(early)} from {first:.4g} mm, more than an outer radius ({radius:.4g} mm) before "
+            f"the farthest end ({farthest:.4g} mm): a cap inside a body that others bend is not modelled, and their walls "
+            "take the thrust; state `thrust: walls`, or let them end together"
+        )
     body = body_mass(robot)
     if body > 0 and robot.tip_mass > MOST_BODIES * body:
         yield (

@@ -16,6 +16,7 @@ from recordings.table_file import checked, lacks
 from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, column_order, unit_of
 
 from ..files.config import ConfigError, Source, check
+from ..files.jumps import without_contradicted
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
@@ -77,7 +78,8 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
     left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
     headings = tuple((name, str(column.column)) for name, column in columns.items())
     mapped = Mapped(call=True, headings=headings, unit=file.unit)
-    return replace(table, warnings=(*left_out_notes, *file.notes, *table.warnings), mapped=mapped)
+    table = replace(table, warnings=(*left_out_notes, *file.notes, *table.warnings), mapped=mapped)
+    return without_contradicted(table, robot)
 
 
 def _table(keys: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -1,28 +1,22 @@
-"""Check whether the tip turns as it moves, whether files have their markers in one order, and whether markers were confused.
-
-Jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of pressure
-have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved.
-"""
+"""Check whether the tip turns as it moves, whether files have their markers in one order, and rows another marker."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import scipy
 
 from diagnosis.data.campaign import settings
 from diagnosis.data.levels import REST
-from model.arrays import Array, Ints, Mask
+from model.arrays import Array, Mask
 from model.effects import ForwardModel
 from model.errors import ModelError
 from model.robot import Robot
 from recordings.trials import Table
 
 from ..files.config import ConfigError
-from .series import at_rest
+from ..files.jumps import STILL, at_rest
 
 LEAST_TURN = np.radians(10.0)
 FEWEST = 6
@@ -125,93 +119,6 @@ def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, scipy.spatial.
             "write `straight: first state` for a robot that is straight at rest"
         )
     return read.tip[0], scipy.spatial.transform.Rotation.from_quat(read.orientation[0], scalar_first=True), read.markers[0]
-
-
-# ------------------------------------------------------------------ jumps
-STILL = 0.1
-"""Robot lengths by which hysteresis, creep and noise may move a place while the pressures stay."""
-USUAL, TIMES = 90, 2.0
-"""Percentile of movement by change of pressure, and times that much more than it a place may move."""
-CHANGED = 0.1
-"""Share of the range of pressures from which a change of pressure tells how far places move."""
-AGAINST = 2
-"""Fewest other states that must contradict a state before it is left out."""
-
-
-@dataclass(frozen=True)
-class Jump:
-    """A place that moved farther than the body can."""
-
-    state: int
-    """The one after the jump, from 0."""
-    body: int
-    """0: the tip, 1 .. markers."""
-    distance: float
-    """m"""
-    pressure: float
-    """Pa, the largest change of a chamber."""
-    exchanged: int | None = None
-    """The body whose place it took, and which took its place."""
-    against: int = 0
-    """States at nearly the same pressures and loads, all of which contradict this one: at least `AGAINST`, or 0."""
-
-
-def jumps(states: Table, length: float) -> Iterator[Jump]:
-    """Points (the tip, markers) that move farther from one state to the next than those of a robot of this length (m) can.
-
-    Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
-    masses, vacuum, forces, mounting). A point can move by `STILL` lengths, and by `TIMES` its usual m per Pa of the change."""
-    places, every = np.concatenate([states.tip[:, None], states.markers], axis=1), np.arange(len(states))
-    pressures, forces = states.pressures, states.tip_force
-    loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
-    same_force = CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
-
-    def apart(a: Ints, b: Ints) -> tuple[Array, Array]:
-        """m by which points (.., 1 + k) are apart in states of the same loads, else NaN, and Pa by which pressures are."""
-        alike = (loads[a] == loads[b]).all(axis=1) & (np.abs(forces[a] - forces[b]).max(axis=1) <= same_force)
-        distance = np.linalg.norm(places[a] - places[b], axis=2)
-        return np.where(alike[:, None], distance, np.nan), np.abs(pressures[a] - pressures[b]).max(axis=1)
-
-    pairs = dict.fromkeys((a, b) for row in (every, np.flatnonzero(at_rest(pressures))) for a, b in pairwise(row.tolist()))
-    earlier, later = np.array(list(pairs) or [(0, 0)]).T
-    distance, pressure_change = apart(earlier, later)
-    spread = np.nanmax(pressures, initial=-np.inf) - np.nanmin(pressures, initial=np.inf)
-    small_change = CHANGED * max(float(spread), 1e-9)
-    large_change = (pressure_change > small_change) & np.isfinite(distance).any(axis=1)
-
-    def against(state: int, point: int, usual: float) -> int:
-        """How many states at nearly the same pressures there are, if all of them have a point elsewhere and most in one place."""
-        away, change = apart(np.full(len(states), state), every)
-        alike = (change <= small_change) & np.isfinite(away[:, point]) & (every != state)
-        if alike.sum() < AGAINST or (away[alike, point] <= _reach(length, usual, change[alike])).any():
-            return 0
-        others = places[alike, point]
-        off = np.linalg.norm(others - np.median(others, axis=0), axis=1)
-        return len(others) if np.median(off) <= STILL * length / 2 else 0
-
-    found: dict[tuple[int, int], Jump] = {}
-    for point in range(places.shape[1] if large_change.any() else 0):  # else nothing shows how far pressures move the body
-        usable = large_change & np.isfinite(distance[:, point])
-        usual = float(np.percentile(distance[usable, point] / pressure_change[usable], USUAL)) if usable.any() else 0.0
-        limit = _reach(length, usual, pressure_change)
-        far, near = distance[:, point] > limit, distance[:, point] <= limit
-        there_and_back = np.setdiff1d([earlier[far], later[far]], [earlier[near], later[near]]).tolist()
-        contradicted = {state: count for state in there_and_back if (count := against(state, point, usual))}
-        for i in np.flatnonzero(far).tolist():
-            before, after = places[earlier[i]], places[later[i]]
-            there, back = np.linalg.norm(before - after[point], axis=1), np.linalg.norm(after - before[point], axis=1)
-            swapped_with = np.flatnonzero((there <= limit[i]) & (back <= limit[i])).tolist()  # not the point itself: it is far
-            other = swapped_with[0] if swapped_with else None
-            state = int(earlier[i] if int(earlier[i]) in contradicted else later[i])
-            moved, pressure = float(distance[i, point]), float(pressure_change[i])
-            found[state, point] = Jump(state, point, moved, pressure, other, contradicted.get(state, 0))
-    # each once: a state may be held against the one before it and against the last one at rest
-    yield from (found[key] for key in sorted(found))
-
-
-def _reach(length: float, usual: float, change: Array) -> Array:
-    """m by which a point can move while the pressures change (Pa), of which it follows with `usual` (m/Pa)."""
-    return STILL * length + TIMES * usual * change
 
 
 def strays(tip: Array, markers: Array, length: float) -> Mask:

@@ -280,15 +280,6 @@ def unseen(xyz: Array, resting: Mask | None = None) -> Mask:
     return zero & (float(np.linalg.norm(seen, axis=1).min()) >= 0.05 * spread)
 
 
-def at_rest(pressures: Array) -> Mask:
-    """(n,) rows in which every pressure is the lowest of its chamber, but for noise."""
-    finite = np.isfinite(pressures)
-    low = np.where(finite, pressures, np.inf).min(axis=0, initial=np.inf)
-    high = np.where(finite, pressures, -np.inf).max(axis=0, initial=-np.inf)
-    above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)
-    return np.asarray(above <= 0.03 * max(float((high - low).max(initial=0.0)), 1e-300))
-
-
 # ------------------------------------------------------------------ values inside each other
 MOST_ELEMENTS = 500
 """Elements of a list that are read."""

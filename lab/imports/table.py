@@ -30,14 +30,15 @@ from recordings.table_file import checked
 from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Mapped, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
+from ..files.jumps import Jump, at_rest, jumps, notable, without
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import Map, Name, named, units_for
-from .places import Jump, at_rest_by_model, jumps, other_order, strays, turn_off
+from .places import at_rest_by_model, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
-from .series import FRAME, Series, at_rest
+from .series import FRAME, Series
 from .trials import Cut, cuts, trials_of_rows
 
 FORCES = ("force_x", "force_y", "force_z")
@@ -230,7 +231,8 @@ def conclude(
     states = Table.stacked(parts)
     found = list(jumps(states, float(straight[2])))
     notes += _jump_notes(found, rows, every, robot.actuators.words)
-    states, rows = _without(found, states, rows)
+    states, kept_states = without(found, states)
+    rows = list(compress(rows, kept_states))
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
@@ -370,43 +372,19 @@ def _without_strays(
     return replace(q, table=_placed(q.table, tip, markers)), torn
 
 
-def _without(found: Sequence[Jump], states: Table, rows: Sequence[tuple[int, int]]) -> tuple[Table, list[tuple[int, int]]]:
-    """States and their rows without places that all others contradict; where that is the tip's, the state is left out."""
-    markers, kept = states.markers, np.ones(len(states), bool)
-    for jump in (j for j in found if j.against):
-        if jump.body:
-            markers[jump.state, jump.body - 1] = np.nan
-        else:
-            kept[jump.state] = False
-    return _placed(states, states.tip, markers).take(kept), list(compress(rows, kept))
-
-
 def _jump_notes(
     found: Sequence[Jump], rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, FileRows, Map]], words: Words
 ) -> Iterator[str]:
     """What to ask about places that moved farther than the body can; `rows`: file and first row of each state."""
-    exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
-    # of two that change places, the one with the lower number is named
-    notable = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
-    for jump in notable[:MOST_JUMPS]:
+    for jump in (named := notable(found))[:MOST_JUMPS]:
         file, row = rows[jump.state]
         series, q, _ = files[file]
-        body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
-        what = (
-            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.pressure} changes by more than "
-            f"{jump.pressure / words.pascal:.3g} {words.unit}, farther than the body can"
-            if jump.exchanged is None
-            else f"{body[jump.body]} and {body[jump.exchanged]} swap places"
-        )
         doubt = "was it another marker, or was something moved?" if jump.exchanged is None else "were they confused?"
-        yield f"{series.path.name}, {series.place(int(q.row[row]))}: {what}" + (
-            f", unlike in all {jump.against} other states at these pressures: left out"
-            if jump.against
-            else f": {doubt} If so, put these rows into a separate file and name its columns under files: {{PATTERN: {{columns: "
-            "..}}, or leave them out"
-        )
-    if len(notable) > MOST_JUMPS:
-        yield f"{len(notable) - MOST_JUMPS} further points move farther than the body can"
+        remedy = "put these rows into a separate file and name its columns under files: {PATTERN: {columns: ..}}"
+        asked = f": {doubt} If so, {remedy}, or leave them out" * (not jump.against)
+        yield f"{series.path.name}, {series.place(int(q.row[row]))}: {jump.text(words)}{asked}"
+    if len(named) > MOST_JUMPS:
+        yield f"{len(named) - MOST_JUMPS} further points move farther than the body can"
 
 
 def _rest(q: FileRows) -> Array:

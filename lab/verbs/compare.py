@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.table import Table as Sheet
 
+from model.body import body_of
 from model.compare import ErrorTable
 from model.robot import Robot
 
@@ -65,15 +66,17 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
         length = (f"{r.spine_length * 100:.1f} cm",) if spine else ()
         errors = (r.mean_abs_x, r.mean_abs_y, r.mean_abs_z, r.rmse, r.worst)
         t.add_row(*length, str(r.n), *(f"{v * 1e3:.2f} mm" for v in errors))
-    worst = {axis: max(getattr(r, f"mean_abs_{axis}") for r in table.rows) for axis in "xyz"}
-    percentages = ", ".join(f"{100 * error / table.length:.2f} % in {axis}" for axis, error in worst.items())
+    percentages = ", ".join(f"{table.worst_percent(axis):.2f} % in {axis}" for axis in "xyz")
     t.caption = f"largest mean error in % of the length: {percentages}; rms {table.rmse * 1e3:.2f} mm"
     return t
 
 
 def thrust_taken(robot: Robot) -> str:
     """The law of thrust by which a chambers' robot was solved, for a title; "" of tendons."""
-    return f", thrust: {robot.thrust or 'cap (not stated)'}" if robot.chambers else ""
+    if robot.chambers is None:
+        return ""
+    early = body_of(robot).uncapped if robot.thrust != "walls" else []
+    return f", thrust: {robot.thrust or 'cap (not stated)'}" + f", walls of {robot.actuators.words.group(early)}" * bool(early)
 
 
 VERBS = (

@@ -190,15 +190,14 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     out[col.TIP_MOMENT + 1] = moment.imag
     as_at_tip = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
             for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
+    own = [(force, moment) if same else _wrench(push, unit_moments, area, radius)
+           for same, area, radius in zip(as_at_tip, q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
     if q.thrust_on_walls.any() or not all(as_at_tip):
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-            own_force = force if as_at_tip[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
-            stretching = own_force - (1 - q.thrust_on_walls) * force - q.thrust_on_walls * q.thrust_borne * own_force
+            stretching = (1 - q.thrust_on_walls * q.thrust_borne) * own[piece][0] - (1 - q.thrust_on_walls) * force
             out.add(element + col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
-    moments = [moment if same else _wrench(push, unit_moments, area, radius)[1]
-               for same, area, radius in zip(as_at_tip, q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
     if q.twist.any() or (q.thrust_on_walls * q.thrust_growth).any() or not all(as_at_tip):
-        _rest_of_moments(q, out, moments, moment)
+        _rest_of_moments(q, out, [m for _, m in own], moment)
 
 
 def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex], at_tip: Complex) -> None:
@@ -261,7 +260,7 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     """A plane that pushes on the body at arc length b = `plane_lever` before the tip: a one-sided spring with an arm.
 
     The arm a (m, tip frame) leads from that point to the tip. Near the tip, which carries the moment M (x, y) and the thrust F,
-    the body's axis obeys y'' = k + F y / EI with the curvature k = M / EI, so that, with b stretched by 1 + F / EA,
+    the body's axis obeys y'' = k + F y / EI with the curvature k = M / EI + u*, so that, with b stretched by 1 + F / EA + v*,
         a_side = b^2 (1/2 + x/24 + x^2/720) (1 - |k b|^2 / 12),  x = F b^2 / EI,     a_axis = b (1 - |k b|^2 / 6).
     """
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
@@ -271,9 +270,10 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     # skin and mounting give a little
     out[wall + col.SPRING_SOFTNESS] = q.robot.length / 200
     last_element = q.layout.elements[-1]
-    curvature = [out[col.TIP_MOMENT + k] / out[last_element + col.BEND] for k in range(2)]
+    rest = [sum(out[last_element + c + k] for c in (col.REST_CURVATURE, *range(col.RISE, col.BLOCK, 3))) for k in range(2)]
+    curvature = [out[col.TIP_MOMENT + k] / out[last_element + col.BEND] + rest[k] for k in range(2)]
     thrust = out[col.TIP_FORCE + 2]
-    b = q.plane_lever * (1 + thrust / out[last_element + col.STRETCH + 2])
+    b = q.plane_lever * (1 + thrust / out[last_element + col.STRETCH + 2] + out[last_element + col.REST_STRAIN + 2])
     turn_squared = (curvature[0] ** 2 + curvature[1] ** 2) * b**2
     x = thrust / out[last_element + col.BEND] * b**2
     by_curvature = b**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turn_squared / 12)

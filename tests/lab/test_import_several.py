@@ -1,6 +1,8 @@
 """Several files, columns that differ among them, contradicting units, exchanged markers: asked about, never guessed."""
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -11,9 +13,11 @@ import yaml
 from commands import Cli, refused
 from foreign import ROBOT, by_map, guessed, plain, tips
 
+import lab
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from lab.files.config import ConfigError
 from lab.imports.table import Imported
+from recordings.table_file import write_csv
 
 Rows = list[list[float]]
 FEW, MANY = sweep(), sweep(40)
@@ -109,6 +113,21 @@ def test_a_place_that_all_other_states_at_its_pressures_contradict_is_left_out(b
     (note,) = made.notes
     assert f"a.csv, line 8: {('the tip', 'marker 1')[body]} moves by" in note and "unlike in all 3 other states" in note
     assert len(made.table) == STATES - (body == 0) and np.isnan(made.table.markers[6]).all() == (body == 1)
+
+
+@pytest.mark.parametrize("body", [0, 1])
+def test_a_place_that_its_table_contradicts_is_left_out_without_an_import(body: int, tmp_path: Path) -> None:
+    whole, x = read_all(tmp_path, {"a.csv": WHOLE}).table, ("x", "m1x")[body]
+    moved = replace(whole.replaced({x: whole[x] + 0.037 * (np.arange(STATES) == 6)}), mapped=None)
+    (case := tmp_path / "by_hand").mkdir()
+    write_csv(moved, case / "trials.csv")
+    shutil.copy(ROBOT, case)
+    for given in ((case,), (moved.to_pandas(), ROBOT)):
+        with pytest.warns(match=f"{('the tip', 'marker 1')[body]} moves by 3... mm .*unlike in all 3 other states") as said:
+            table = lab.case(*given).table
+        assert len(said) == 1 and len(table) == STATES - (body == 0) and np.isnan(table.markers[6]).all() == (body == 1)
+    write_csv(whole, case / "trials.csv")
+    assert len(lab.case(case).table) == STATES
 
 
 def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) -> None:

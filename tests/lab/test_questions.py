@@ -7,11 +7,14 @@ import pytest
 import lab
 from diagnosis.answer.sentences import far_off
 from diagnosis.diagnose import Options
+from lab.files.robot_file import paper_robot
 from lab.files.robot_numbers import doubtful_numbers
 from lab.rig.watch import STUCK, Repeats
+from lab.verbs.compare import thrust_taken
 from model.actuators import Chambers
 from model.effects import CATALOGUE
 from model.prediction import Predictor
+from model.robot import load_robot
 from tests.diagnosis.test_edits import TENDON_ARM
 
 # ------------------------------------------------------------------ robot.yaml
@@ -29,6 +32,16 @@ def test_disks_that_stand_out_are_no_news_and_a_path_radius_in_another_unit_is()
     assert said == "posterior: tilt.x not stated in effects or tolerances, and ignored"
     (said,) = doubtful_numbers(ARM.replace(tendons={"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}))
     assert said.startswith("tendons.path_radius is 110 mm") and "outer_radius of 6 mm" in said
+
+
+def test_a_cap_inside_a_body_that_others_bend_is_named_with_what_takes_the_thrust() -> None:
+    robot = load_robot(paper_robot())
+    early = robot.replace(chambers={**robot.chambers.model_dump(), "ends": [0.2, 0.4, 0.37] * 3}, thrust="cap")
+    (said,) = doubtful_numbers(early)
+    assert said.startswith("chambers.ends: chambers 1, 4, 7 from 200 mm, more than an outer radius (50 mm) before")
+    assert thrust_taken(early) == ", thrust: cap, walls of chambers 1, 4, 7"
+    walls = early.replace(thrust="walls")
+    assert not [*doubtful_numbers(walls)] and thrust_taken(walls) == ", thrust: walls"
 
 
 @pytest.mark.parametrize(("shear", "asked"), [(9e6, True), (3e6, False), (4.5e6, False), (2e6, True)])

@@ -13,7 +13,7 @@ from model.prediction.campaign import predict_campaign
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Rods, solve
 from model.rotation import to_base
-from model.section import rods_of
+from model.section import body_area, body_second_moment, rods_of
 from tests.model.effects.campaigns import Moved
 from tests.model.rods.reference import REFERENCE
 
@@ -121,14 +121,47 @@ def test_a_cantilever_of_two_sections_bends_as_beam_theory_says(reference_robot:
     assert tip[0] == pytest.approx(push * (bending + shear), rel=1e-4)
 
 
-def test_chambers_that_end_half_way_leave_the_rest_straight(reference_robot: Robot) -> None:
-    half = changed(
-        reference_robot, spine=None, gravity=[0.0, 0.0, 0.0],
-        sections=[{"length": 0.2}, {"length": 0.2, "chamber_radius": 0.0}],
-    )  # fmt: skip
-    found = solve(rods_of(half, conditions(half, 0.0, PRESSURES[-1])), FINE, arc_lengths=[0.2, 0.3, 0.4])
-    first, second = np.diff(found.shape[0], axis=0)
-    assert np.linalg.norm(np.cross(first, second)) < 1e-9 < np.linalg.norm(np.cross(first, [0.0, 0.0, 1.0]))
+FREE = {"spine": None, "gravity": [0.0, 0.0, 0.0], "tip_mass": 0.0, "area_factor": 1.0}
+
+
+def ending(robot: Robot, *ends: float, **fields: Any) -> Robot:
+    """Without weight and spine; `ends` (m) of the nine chambers, or of all."""
+    return changed(robot, **FREE, chambers={**robot.chambers.model_dump(), "ends": ends * (9 // len(ends))}, **fields)
+
+
+@pytest.mark.parametrize("thrust", ["cap", "walls"])
+def test_all_chambers_stretch_a_straight_body_up_to_their_end(reference_robot: Robot, thrust: str) -> None:
+    robot = ending(reference_robot, 0.3, thrust=thrust)
+    found = solve(rods_of(robot, conditions(robot, 0.0, np.full(9, 60e3))), FINE).trusted().tip[0]
+    push = 9 * 60e3 * robot.chambers.area
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.4 + 0.3 * push / (robot.youngs_modulus * body_area(robot))], atol=1e-8)
+
+
+def test_a_moment_bends_the_body_to_a_circle_up_to_the_chambers_end(reference_robot: Robot) -> None:
+    robot = ending(reference_robot, 0.3, thrust="walls", axial_stiffness=1e9)
+    found = solve(rods_of(robot, conditions(robot, 0.0, [90e3, *[0.0] * 8])), FINE).trusted().tip[0]
+    curvature = 90e3 * robot.chambers.area * robot.chambers.path_radius / (robot.youngs_modulus * body_second_moment(robot))
+    turn = 0.3 * curvature
+    circle = [-(1 - np.cos(turn)) / curvature - 0.1 * np.sin(turn), 0.0, np.sin(turn) / curvature + 0.1 * np.cos(turn)]
+    np.testing.assert_allclose(found, circle, atol=1e-6)
+
+
+@pytest.mark.parametrize("end", ["ends", "sections"])
+def test_thrust_on_a_cap_inside_carries_the_rest_straight_on(reference_robot: Robot, end: str) -> None:
+    short = ending(reference_robot, 0.3, length=0.3)
+    tail = {"sections": [{"length": 0.3}, {"length": 0.1, "chamber_radius": 0.0}]}
+    long = ending(reference_robot, 0.3) if end == "ends" else ending(reference_robot, 0.4, **tail)
+    capped, found = (solve(rods_of(robot, conditions(robot, 0.0, PRESSURES[1:])), FINE).trusted() for robot in (short, long))
+    straight_on = capped.tip + to_base(capped.orientation, np.array([0.0, 0.0, 0.1]))
+    np.testing.assert_allclose(found.tip, straight_on, atol=1e-7)
+
+
+@pytest.mark.parametrize("ends", [(0.3999,), (0.4, 0.4, 0.4, 0.4, 0.3999, 0.4, 0.4, 0.4, 0.4)])
+def test_a_tenth_of_a_millimetre_before_the_tip_hardly_moves_it(reference_robot: Robot, ends: tuple[float, ...]) -> None:
+    near, whole = (ending(reference_robot, *e, thrust="cap") for e in (ends, (0.4,)))
+    tip, usual = (solve(rods_of(robot, conditions(robot, 0.0, PRESSURES)), FINE).trusted().tip for robot in (near, whole))
+    np.testing.assert_allclose(tip, usual, atol=2e-4)
+    assert not body_of(near).uncapped and body_of(ending(reference_robot, 0.2, 0.4, 0.4)).uncapped == [1, 4, 7]
 
 
 def test_the_adaptive_method_solves_sections_alike(reference_robot: Robot) -> None:

@@ -1,0 +1,149 @@
+"""Find points that jump: between neighbouring states a place moves as the pressures do. One that moves much farther than such
+changes of pressure have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from model.actuators import Words
+from model.arrays import Array, Ints, Mask
+from model.robot import Robot
+from recordings.trials import Table, marker_columns
+
+
+def at_rest(pressures: Array) -> Mask:
+    """(n,) rows in which every pressure is the lowest of its chamber, but for noise."""
+    finite = np.isfinite(pressures)
+    low = np.where(finite, pressures, np.inf).min(axis=0, initial=np.inf)
+    high = np.where(finite, pressures, -np.inf).max(axis=0, initial=-np.inf)
+    above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)
+    return np.asarray(above <= 0.03 * max(float((high - low).max(initial=0.0)), 1e-300))
+
+
+STILL = 0.1
+"""Robot lengths by which hysteresis, creep and noise may move a place while the pressures stay."""
+USUAL, TIMES = 90, 2.0
+"""Percentile of movement by change of pressure, and times that much more than it a place may move."""
+CHANGED = 0.1
+"""Share of the range of pressures from which a change of pressure tells how far places move."""
+AGAINST = 2
+"""Fewest other states that must contradict a state before it is left out."""
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A place that moved farther than the body can."""
+
+    state: int
+    """The one after the jump, from 0."""
+    body: int
+    """0: the tip, 1 .. markers."""
+    distance: float
+    """m"""
+    pressure: float
+    """Pa, the largest change of a chamber."""
+    exchanged: int | None = None
+    """The body whose place it took, and which took its place."""
+    against: int = 0
+    """States at nearly the same pressures and loads, all of which contradict this one: at least `AGAINST`, or 0."""
+
+    def text(self, words: Words) -> str:
+        """What moved, in the words for a robot's actuators, and that it is left out if others contradict it."""
+        bodies = ["the tip", *(f"marker {k}" for k in range(1, 100))]
+        what = (
+            f"{bodies[self.body]} moves by {1e3 * self.distance:.1f} mm while no {words.pressure} changes by more than "
+            f"{self.pressure / words.pascal:.3g} {words.unit}, farther than the body can"
+            if self.exchanged is None
+            else f"{bodies[self.body]} and {bodies[self.exchanged]} swap places"
+        )
+        left_out = f", unlike in all {self.against} other states at these {words.pressures}: left out"
+        return what + left_out * bool(self.against)
+
+
+def jumps(states: Table, length: float) -> Iterator[Jump]:
+    """Points (the tip, markers) that move farther from one state to the next than those of a robot of this length (m) can.
+
+    Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
+    masses, vacuum, forces, mounting). A point can move by `STILL` lengths, and by `TIMES` its usual m per Pa of the change."""
+    places, every = np.concatenate([states.tip[:, None], states.markers], axis=1), np.arange(len(states))
+    pressures, forces = states.pressures, states.tip_force
+    loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
+    same_force = CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
+
+    def apart(a: Ints, b: Ints) -> tuple[Array, Array]:
+        """m by which points (.., 1 + k) are apart in states of the same loads, else NaN, and Pa by which pressures are."""
+        alike = (loads[a] == loads[b]).all(axis=1) & (np.abs(forces[a] - forces[b]).max(axis=1) <= same_force)
+        distance = np.linalg.norm(places[a] - places[b], axis=2)
+        return np.where(alike[:, None], distance, np.nan), np.abs(pressures[a] - pressures[b]).max(axis=1)
+
+    pairs = dict.fromkeys((a, b) for row in (every, np.flatnonzero(at_rest(pressures))) for a, b in pairwise(row.tolist()))
+    earlier, later = np.array(list(pairs) or [(0, 0)]).T
+    distance, pressure_change = apart(earlier, later)
+    spread = np.nanmax(pressures, initial=-np.inf) - np.nanmin(pressures, initial=np.inf)
+    small_change = CHANGED * max(float(spread), 1e-9)
+    large_change = (pressure_change > small_change) & np.isfinite(distance).any(axis=1)
+
+    def against(state: int, point: int, usual: float) -> int:
+        """How many states at nearly the same pressures there are, if all of them have a point elsewhere and most in one place."""
+        away, change = apart(np.full(len(states), state), every)
+        alike = (change <= small_change) & np.isfinite(away[:, point]) & (every != state)
+        if alike.sum() < AGAINST or (away[alike, point] <= _reach(length, usual, change[alike])).any():
+            return 0
+        others = places[alike, point]
+        off = np.linalg.norm(others - np.median(others, axis=0), axis=1)
+        return len(others) if np.median(off) <= STILL * length / 2 else 0
+
+    found: dict[tuple[int, int], Jump] = {}
+    for point in range(places.shape[1] if large_change.any() else 0):  # else nothing shows how far pressures move the body
+        usable = large_change & np.isfinite(distance[:, point])
+        usual = float(np.percentile(distance[usable, point] / pressure_change[usable], USUAL)) if usable.any() else 0.0
+        limit = _reach(length, usual, pressure_change)
+        far, near = distance[:, point] > limit, distance[:, point] <= limit
+        there_and_back = np.setdiff1d([earlier[far], later[far]], [earlier[near], later[near]]).tolist()
+        contradicted = {state: count for state in there_and_back if (count := against(state, point, usual))}
+        for i in np.flatnonzero(far).tolist():
+            before, after = places[earlier[i]], places[later[i]]
+            there, back = np.linalg.norm(before - after[point], axis=1), np.linalg.norm(after - before[point], axis=1)
+            swapped_with = np.flatnonzero((there <= limit[i]) & (back <= limit[i])).tolist()  # not the point itself: it is far
+            other = swapped_with[0] if swapped_with else None
+            state = int(earlier[i] if int(earlier[i]) in contradicted else later[i])
+            moved, pressure = float(distance[i, point]), float(pressure_change[i])
+            found[state, point] = Jump(state, point, moved, pressure, other, contradicted.get(state, 0))
+    # each once: a state may be held against the one before it and against the last one at rest
+    yield from (found[key] for key in sorted(found))
+
+
+def _reach(length: float, usual: float, change: Array) -> Array:
+    """m by which a point can move while the pressures change (Pa), of which it follows with `usual` (m/Pa)."""
+    return STILL * length + TIMES * usual * change
+
+
+def notable(found: Sequence[Jump]) -> list[Jump]:
+    """Those to be named: of two points that change places, the one with the lower number."""
+    exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
+    return [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
+
+
+def without(found: Sequence[Jump], states: Table) -> tuple[Table, Mask]:
+    """States without places that all others contradict, and (n,) which are kept: one whose tip is contradicted is not."""
+    left_out = [j for j in found if j.against]
+    gone = np.isin(np.arange(len(states)), [j.state for j in left_out if not j.body])
+    for jump in (j for j in left_out if j.body):
+        here = np.arange(len(states)) == jump.state
+        states = states.replaced({n: np.where(here, np.nan, states[n]) for n in marker_columns(jump.body)[-1]})
+    return states.take(~gone), ~gone
+
+
+def without_contradicted(table: Table, robot: Robot) -> Table:
+    """A table that no import has checked without the places that its other states contradict, each with a warning."""
+    rows = np.flatnonzero(table.with_tip)
+    jumping = jumps(table.take(rows), robot.length) if len(rows) > AGAINST else ()
+    if not (found := [replace(j, state=int(rows[j.state])) for j in jumping if j.against]):
+        return table
+    said = (f"{table.place(j.state)}: {j.text(robot.actuators.words)}" for j in notable(found))
+    return replace(without(found, table)[0], warnings=(*table.warnings, *said))
