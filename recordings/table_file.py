@@ -254,5 +254,5 @@ def _doubts(table: Table) -> list[str]:
             doubts.append(f"protocol {name[:40]!r}: did you mean {near[0]!r}?")
     _, first = np.unique(np.column_stack([table.trial, table["step"]]), axis=0, return_index=True)
     repeated = np.setdiff1d(np.arange(len(table)), first)
-    doubts += [f"{table.place(i)} appears more than once (rows concerned: {len(repeated)})" for i in repeated[:1].tolist()]
+    doubts += [f"{table.place(i)} appears more than once" for i in repeated.tolist()]
     return doubts

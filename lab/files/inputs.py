@@ -26,7 +26,6 @@ from recordings.trials import Mapped, Table
 from ..console import note
 from ..plain import typed
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
-from .copies import without_copies
 from .jumps import without_contradicted
 from .robot_numbers import doubts
 
@@ -114,7 +113,6 @@ def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, r
 
     asked, used = list[str](), list[Table]()
     for file, table in parts:
-        table = without_copies(table)
         table = without_contradicted(table, robot) if table.mapped is None else table
         reading = read(robot, table)
         if reading.refused:
