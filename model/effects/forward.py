@@ -430,7 +430,7 @@ class ForwardModel:
     def _keep(self, here: _At) -> None:
         others = [p for p in self._points if not np.array_equal(p.theta, here.theta)]
         # a search predicts where it then linearises
-        self._points = (here, *others)[:3]
+        self._points = (here, *others)[:2]
 
     def _with_sources(self, here: _At, sources: frozenset[int]) -> _At:
         """The point `here` with the laws of `sources` applied, too, so that it can be differentiated by those of size zero. Its

@@ -101,7 +101,7 @@ def solve(
     """
     rods = rods_from(layout, rows, plain)
     if start is not None and steps is not None:
-        solution = _solve_from(layout, rows, steps, start, trial, whole, followed)
+        solution = _solve_from(rods, rows, steps, start, trial, whole, followed)
     else:
         solution, steps = _solve_anew(rods, replace(METHOD, remember=not plain), steps)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
@@ -153,10 +153,9 @@ def _solve_anew(rods: rod.Rods, method: rod.Fast, steps: Ints | None) -> tuple[r
 
 
 def _solve_from(
-    layout: at.Layout, rows: Array, steps: Ints, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
+    rods: rod.Rods, rows: Array, steps: Ints, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
 ) -> rod.Solution:
     """Solve from `start`; what fails from `followed`, else anew, else through rods between, else as loads grow from zero."""
-    rods = rods_from(layout, rows)
     solution = _nearby(rods, steps, start.solution)
     unsolved = _unsolved(solution)
     if unsolved.size and followed is not None:
@@ -171,7 +170,7 @@ def _solve_from(
         attempt = start.solution.take(unsolved)
         for k in range(1, parts + 1):
             between = start.rows[unsolved] + k / parts * (rows[unsolved] - start.rows[unsolved])
-            attempt = _nearby(rods_from(layout, between), steps[unsolved], attempt)
+            attempt = _nearby(rods_from(start.layout, between), steps[unsolved], attempt)
         unsolved = _put(solution, unsolved, attempt)
     if whole:
         unsolved = _all_or_none(solution, rods, steps, unsolved, start, followed)
