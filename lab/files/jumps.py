@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from diagnosis.data.levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
@@ -23,6 +24,12 @@ def at_rest(pressures: Array) -> Mask:
     high = np.where(finite, pressures, -np.inf).max(axis=0, initial=-np.inf)
     above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)
     return np.asarray(above <= 0.03 * max(float((high - low).max(initial=0.0)), 1e-300))
+
+
+def loads(states: Table) -> Ints:
+    """(n, 4) level of each state's spine length, mass, roll and vacuum: readings of one setting have one level."""
+    gaps = {"spine_length": SPINE_GAP, "tip_mass": MASS_GAP, "roll_deg": ROLL_GAP, "vacuum": VACUUM_GAP}
+    return np.column_stack([levels(states.get(name, 0.0), gap) for name, gap in gaps.items()])
 
 
 STILL = 0.1
@@ -72,12 +79,12 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
     masses, vacuum, forces, mounting). A point can move by `STILL` lengths, and by `TIMES` its usual m per Pa of the change."""
     places, every = np.concatenate([states.tip[:, None], states.markers], axis=1), np.arange(len(states))
     pressures, forces = states.pressures, states.tip_force
-    loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
+    load = loads(states)
     same_force = CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
 
     def apart(a: Ints, b: Ints) -> tuple[Array, Array]:
         """m by which points (.., 1 + k) are apart in states of the same loads, else NaN, and Pa by which pressures are."""
-        alike = (loads[a] == loads[b]).all(axis=1) & (np.abs(forces[a] - forces[b]).max(axis=1) <= same_force)
+        alike = (load[a] == load[b]).all(axis=1) & (np.abs(forces[a] - forces[b]).max(axis=1) <= same_force)
         distance = np.linalg.norm(places[a] - places[b], axis=2)
         return np.where(alike[:, None], distance, np.nan), np.abs(pressures[a] - pressures[b]).max(axis=1)
 

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from diagnosis.data import case as measured
-from diagnosis.data.levels import REST, SPINE_GAP, levels, pressure_gap
+from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
 from diagnosis.errors import BadCase
 from model.actuators import Words
@@ -30,7 +30,7 @@ from recordings.table_file import checked
 from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Mapped, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
-from ..files.jumps import Jump, at_rest, jumps, notable, without
+from ..files.jumps import Jump, at_rest, jumps, loads, notable, without
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
@@ -50,8 +50,8 @@ LEAST_ACROSS = 1e-3
 """Share of the length by which tips are off a line, below which they show no turn about it."""
 MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
-SAME_MASS, SAME_ROLL = 2e-3, 2.0
-"""kg at the tip, deg of roll: the same of these."""
+SAME_ROLL = 2.0
+"""deg of roll within which a mounting is the same."""
 
 
 @dataclass(frozen=True)
@@ -296,7 +296,7 @@ def _contradictions(states: Table, length: float) -> Iterator[str]:
             f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "
             "unit), the frame, and columns x, y, z"
         )
-    for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
+    for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", MASS_GAP)):
         share = follows_pressure(states, name, same)
         if share > FOLLOWS:
             yield (
@@ -304,7 +304,7 @@ def _contradictions(states: Table, length: float) -> Iterator[str]:
                 "with pressure: is this column another quantity?"
             )
     within = np.diff(states.trial) == 0
-    changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > SAME_MASS).sum())
+    changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > MASS_GAP).sum())
     if changed > within.sum() / 2:
         yield f"tip_mass changes {changed} times between states of one trial: is this column really a mass at the tip?"
 
@@ -556,13 +556,11 @@ def _falling(highest: Array, gap: float) -> list[bool]:
 
 
 def _kinds(states: Table, trial: Ints, gap: float) -> list[tuple[int, ...]]:
-    """What trials, (n,) from 0, that repeat each other have in common: how far each chamber is inflated, spine, mass, roll."""
+    """What trials, (n,) from 0, that repeat each other have in common: how far each chamber is inflated, and loads."""
     first = np.unique(trial, return_index=True)[1]
     highest = np.maximum.reduceat(states.pressures, first, axis=0)
     settings = [levels(chamber, gap) for chamber in highest.T]
-    for name, same in (("spine_length", SPINE_GAP), ("tip_mass", SAME_MASS), ("roll_deg", SAME_ROLL)):
-        settings.append(levels(states.get(name, 0.0)[first], same))
-    return [tuple(int(v) for v in kind) for kind in zip(*settings, strict=True)]
+    return [tuple(kind) for kind in np.column_stack([*settings, loads(states.take(first))]).tolist()]
 
 
 def _with_pushes(states: Table, file: Ints, forces: Sequence[float | None], wanted: Map) -> Table:

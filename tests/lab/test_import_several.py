@@ -118,7 +118,9 @@ def test_a_place_that_all_other_states_at_its_pressures_contradict_is_left_out(b
 @pytest.mark.parametrize("body", [0, 1])
 def test_a_place_that_its_table_contradicts_is_left_out_without_an_import(body: int, tmp_path: Path) -> None:
     whole, x = read_all(tmp_path, {"a.csv": WHOLE}).table, ("x", "m1x")[body]
-    moved = replace(whole.replaced({x: whole[x] + 0.037 * (np.arange(STATES) == 6)}), mapped=None)
+    settings = {"spine_length": (0.1, 1e-4), "vacuum": (80e3, 500.0), "tip_mass": (0.02, 1e-4), "roll_deg": (0.0, 0.1)}
+    loads = {name: mean + sd * np.random.default_rng(0).normal(size=STATES) for name, (mean, sd) in settings.items()}
+    moved = replace(whole.replaced(loads | {x: whole[x] + 0.037 * (np.arange(STATES) == 6)}), mapped=None)
     (case := tmp_path / "by_hand").mkdir()
     write_csv(moved, case / "trials.csv")
     shutil.copy(ROBOT, case)
