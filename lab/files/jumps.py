@@ -57,7 +57,8 @@ class Jump:
     exchanged: int | None = None
     """The body whose place it took, and which took its place."""
     against: int = 0
-    """States at nearly the same pressures and loads, all of which contradict this one: at least `AGAINST`, or 0."""
+    """States that all contradict this one, at least `AGAINST`, or 0: those at nearly the same pressures and loads, or those
+    before and after it, if two points have changed places in this one alone."""
 
     def text(self, words: Words) -> str:
         """What moved, in the words for a robot's actuators, and that it is left out if others contradict it."""
@@ -68,7 +69,7 @@ class Jump:
             if self.exchanged is None
             else f"{bodies[self.body]} and {bodies[self.exchanged]} swap places"
         )
-        left_out = f", unlike in all {self.against} other states at these {words.pressures}: left out"
+        left_out = f", unlike in all {self.against} states that compare with this one: left out"
         return what + left_out * bool(self.against)
 
 
@@ -95,34 +96,43 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
     small_change = CHANGED * max(float(spread), 1e-9)
     large_change = (pressure_change > small_change) & np.isfinite(distance).any(axis=1)
 
-    def against(state: int, point: int, usual: float) -> int:
-        """How many states at nearly the same pressures there are, if all of them have a point elsewhere and most in one place."""
+    def against(state: int, point: int, usual: float, limit: Array) -> int:
+        """How many states at nearly the same pressures there are, if all of them have a point elsewhere, most in one place, and
+        no neighbour stands with the state alone."""
         away, change = apart(np.full(len(states), state), every)
         alike = (change <= small_change) & np.isfinite(away[:, point]) & (every != state)
         if alike.sum() < AGAINST or (away[alike, point] <= _reach(length, usual, change[alike])).any():
             return 0
         others = places[alike, point]
-        off = np.linalg.norm(others - np.median(others, axis=0), axis=1)
-        return len(others) if np.median(off) <= STILL * length / 2 else 0
+        off = np.linalg.norm(others - (middle := np.median(others, axis=0)), axis=1)
+        beside = ((earlier == state) | (later == state)) & (distance[:, point] <= limit)
+        apart_from_them = np.linalg.norm(places[(earlier + later - state)[beside], point] - middle, axis=1) > limit[beside]
+        return 0 if apart_from_them.any() or np.median(off) > STILL * length / 2 else len(others)
 
     found: dict[tuple[int, int], Jump] = {}
     for point in range(places.shape[1] if large_change.any() else 0):  # else nothing shows how far pressures move the body
         usable = large_change & np.isfinite(distance[:, point])
         usual = float(np.percentile(distance[usable, point] / pressure_change[usable], USUAL)) if usable.any() else 0.0
         limit = _reach(length, usual, pressure_change)
-        far, near = distance[:, point] > limit, distance[:, point] <= limit
-        there_and_back = np.setdiff1d([earlier[far], later[far]], [earlier[near], later[near]]).tolist()
-        contradicted = {state: count for state in there_and_back if (count := against(state, point, usual))}
-        for i in np.flatnonzero(far).tolist():
-            before, after = places[earlier[i]], places[later[i]]
-            there, back = np.linalg.norm(before - after[point], axis=1), np.linalg.norm(after - before[point], axis=1)
-            swapped_with = np.flatnonzero((there <= limit[i]) & (back <= limit[i])).tolist()  # not the point itself: it is far
-            other = swapped_with[0] if swapped_with else None
-            state = int(earlier[i] if int(earlier[i]) in contradicted else later[i])
+        far, seen = distance[:, point] > limit, np.isfinite(distance[:, point])
+        taken = {i: _taken(places[earlier[i]], places[later[i]], point, limit[i]) for i in np.flatnonzero(far).tolist()}
+        contradicted = dict[int, int]()
+        for state in np.union1d(earlier[far], later[far]).tolist():
+            held = [taken.get(i) for i in np.flatnonzero(seen & ((earlier == state) | (later == state))).tolist()]
+            alone = len(held) >= AGAINST and held[0] is not None and len(set(held)) == 1
+            contradicted[state] = len(held) if alone else against(state, point, usual, limit)
+        for i, other in taken.items():
+            state = int(earlier[i] if contradicted.get(int(earlier[i])) else later[i])
             moved, pressure = float(distance[i, point]), float(pressure_change[i])
             found[state, point] = Jump(state, point, moved, pressure, other, contradicted.get(state, 0))
     # each once: a state may be held against the one before it and against the last one at rest
     yield from (found[key] for key in sorted(found))
+
+
+def _taken(before: Array, after: Array, point: int, limit: float) -> int | None:
+    """The point that `point` changes places (1 + k, 3) with from one state to the next, both within `limit`."""
+    there, back = np.linalg.norm(before - after[point], axis=1), np.linalg.norm(after - before[point], axis=1)
+    return next(iter(np.flatnonzero((there <= limit) & (back <= limit)).tolist()), None)  # not the point itself: it is far
 
 
 def _reach(length: float, usual: float, change: Array) -> Array:

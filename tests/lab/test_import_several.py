@@ -102,17 +102,27 @@ def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: 
     assert not read_all(tmp_path, {"a.csv": WHOLE}).notes
 
 
-@pytest.mark.parametrize("body", [0, 1])
-def test_a_place_that_all_other_states_at_its_pressures_contradict_is_left_out(body: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("body", "row", "mm", "states"), [(0, 6, 37, 3), (1, 6, 37, 3), (0, 4, 20, 11)])
+def test_a_place_that_all_other_states_at_its_pressures_contradict_is_left_out(
+    body: int, row: int, mm: float, states: int, tmp_path: Path
+) -> None:
     def moved(k: int, cells: list[str]) -> list[str]:
         cells = with_middle(k, cells)
-        cells[5 + 3 * body] = f"{float(cells[5 + 3 * body]) + 37 * (k == 6):.3f}"
+        cells[5 + 3 * body] = f"{float(cells[5 + 3 * body]) + mm * (k == row):.3f}"
         return cells
 
     made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=moved)})
     (note,) = made.notes
-    assert f"a.csv, line 8: {('the tip', 'marker 1')[body]} moves by" in note and "unlike in all 3 other states" in note
-    assert len(made.table) == STATES - (body == 0) and np.isnan(made.table.markers[6]).all() == (body == 1)
+    assert f"a.csv, line {row + 2}: {('the tip', 'marker 1')[body]} moves by" in note and f"unlike in all {states} states" in note
+    assert len(made.table) == STATES - (body == 0) and np.isnan(made.table.markers[row]).all() == (body == 1)
+
+
+def test_points_that_change_places_in_one_state_alone_are_left_out(tmp_path: Path) -> None:
+    for row in (3, 6):
+        content = text(FEW, headings=NAMES, change=lambda k, c, row=row: (exchanged if k == row else with_middle)(k, c))
+        made = read_all(tmp_path, {"a.csv": content})
+        (note,) = made.notes
+        assert f"a.csv, line {row + 2}: the tip and marker 1 swap places, unlike in all" in note and len(made.table) == STATES - 1
 
 
 @pytest.mark.parametrize("body", [0, 1])
@@ -125,7 +135,7 @@ def test_a_place_that_its_table_contradicts_is_left_out_without_an_import(body: 
     write_csv(moved, case / "trials.csv")
     shutil.copy(ROBOT, case)
     for given in ((case,), (moved.to_pandas(), ROBOT)):
-        with pytest.warns(match=f"{('the tip', 'marker 1')[body]} moves by 3... mm .*unlike in all 3 other states") as said:
+        with pytest.warns(match=f"{('the tip', 'marker 1')[body]} moves by 3... mm .*unlike in all 3 states") as said:
             table = lab.case(*given).table
         assert len(said) == 1 and len(table) == STATES - (body == 0) and np.isnan(table.markers[6]).all() == (body == 1)
     write_csv(whole, case / "trials.csv")
