@@ -4,12 +4,14 @@ changes of pressure have moved it elsewhere in the same data was measured on ano
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from diagnosis.arrays import rows_by
+from diagnosis.data.case import campaign_of, finite
 from diagnosis.data.levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -40,6 +42,10 @@ CHANGED = 0.1
 """Share of the range of pressures from which a change of pressure tells how far places move."""
 AGAINST = 2
 """Fewest other states that must contradict a state before it is left out."""
+TIMES_SCATTER, STRAY, FEW = 10.0, 0.05, 0.025
+"""Times the usual distance of a place from the middle of its repeats, and robot lengths, beyond which it is none of them; the
+share of all states up to which such a place is a mistake: what lasts for a trial, such as a slip of the mount, makes more."""
+BODIES = ("the tip", *(f"marker {k}" for k in range(1, 100)))
 
 
 @dataclass(frozen=True)
@@ -62,12 +68,11 @@ class Jump:
 
     def text(self, words: Words) -> str:
         """What moved, in the words for a robot's actuators, and that it is left out if others contradict it."""
-        bodies = ["the tip", *(f"marker {k}" for k in range(1, 100))]
         what = (
-            f"{bodies[self.body]} moves by {1e3 * self.distance:.1f} mm while no {words.pressure} changes by more than "
+            f"{BODIES[self.body]} moves by {1e3 * self.distance:.1f} mm while no {words.pressure} changes by more than "
             f"{self.pressure / words.pascal:.3g} {words.unit}, farther than the body can"
             if self.exchanged is None
-            else f"{bodies[self.body]} and {bodies[self.exchanged]} swap places"
+            else f"{BODIES[self.body]} and {BODIES[self.exchanged]} swap places"
         )
         left_out = f", unlike in all {self.against} states that compare with this one: left out"
         return what + left_out * bool(self.against)
@@ -146,21 +151,44 @@ def notable(found: Sequence[Jump]) -> list[Jump]:
     return [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
 
 
-def without(found: Sequence[Jump], states: Table) -> tuple[Table, Mask]:
-    """States without places that all others contradict, and (n,) which are kept: one whose tip is contradicted is not."""
-    left_out = [j for j in found if j.against]
-    gone = np.isin(np.arange(len(states)), [j.state for j in left_out if not j.body])
-    for jump in (j for j in left_out if j.body):
-        here = np.arange(len(states)) == jump.state
-        states = states.replaced({n: np.where(here, np.nan, states[n]) for n in marker_columns(jump.body)[-1]})
+def without(places: Sequence[tuple[int, int]], states: Table) -> tuple[Table, Mask]:
+    """States without some places (state, body), and (n,) which are kept: one without its tip is not."""
+    gone = np.isin(np.arange(len(states)), [state for state, body in places if not body])
+    for state, body in places:
+        here = np.arange(len(states)) == state
+        states = states.replaced({n: np.where(here, np.nan, states[n]) for n in marker_columns(body)[-1]}) if body else states
     return states.take(~gone), ~gone
 
 
 def without_contradicted(table: Table, robot: Robot) -> Table:
-    """A table that no import has checked without the places that its other states contradict, each with a warning."""
+    """A table that no import has checked without the places that jump and that others contradict, each with a warning."""
     rows = np.flatnonzero(table.with_tip)
-    jumping = jumps(table.take(rows), robot.length) if len(rows) > AGAINST else ()
-    if not (found := [replace(j, state=int(rows[j.state])) for j in jumping if j.against]):
-        return table
-    said = (f"{table.place(j.state)}: {j.text(robot.actuators.words)}" for j in notable(found))
-    return replace(without(found, table)[0], warnings=(*table.warnings, *said))
+    found = notable([j for j in jumps(table.take(rows), robot.length) if j.against]) if len(rows) > AGAINST else ()
+    return _left_out(table, {(int(rows[j.state]), j.body): j.text(robot.actuators.words) for j in found})
+
+
+def without_strays(table: Table, robot: Robot) -> Table:
+    """A table without the places far from their repeats, each with a warning."""
+    return _left_out(table, dict(strays(table, robot.length)) if table.with_tip.any() else {})
+
+
+def _left_out(table: Table, said: Mapping[tuple[int, int], str]) -> Table:
+    warnings = (*table.warnings, *(f"{table.place(state)}: {text}" for (state, _), text in said.items()))
+    return replace(without([*said], table)[0], warnings=warnings) if said else table
+
+
+def strays(table: Table, length: float) -> Iterator[tuple[tuple[int, int], str]]:
+    """Places (state, body) far from the middle (median) of the repeats of their state: by `TIMES_SCATTER` times what is usual and
+    by `STRAY` lengths (m), and what to say of each. Of two repeats it is both. None where more than `FEW` of all states are so:
+    readings of that table scatter like that."""
+    every = np.arange(len(table))
+    own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
+    for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
+        off, seen = np.full(len(own), np.nan), np.flatnonzero(np.isfinite(place).all(axis=1))
+        for repeats in (seen[rows] for rows in rows_by(own.condition[seen]) if rows.size > 1):
+            off[repeats] = np.linalg.norm(place[repeats] - np.median(place[repeats], axis=0), axis=1)
+        usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
+        far = np.flatnonzero(off > max(TIMES_SCATTER * usual, STRAY * length))
+        for i in far.tolist() if len(far) <= FEW * len(own) else ():
+            away = f"{1e3 * off[i]:.1f} mm from the middle of its repeats, usually {1e3 * usual:.2g} mm: left out"
+            yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"

@@ -231,7 +231,7 @@ def conclude(
     states = Table.stacked(parts)
     found = list(jumps(states, float(straight[2])))
     notes += _jump_notes(found, rows, every, robot.actuators.words)
-    states, kept_states = without(found, states)
+    states, kept_states = without([(j.state, j.body) for j in found if j.against], states)
     rows = list(compress(rows, kept_states))
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)

@@ -18,6 +18,7 @@ from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from lab.files.config import ConfigError
 from lab.imports.table import Imported
 from recordings.table_file import write_csv
+from recordings.trials import Table
 
 Rows = list[list[float]]
 FEW, MANY = sweep(), sweep(40)
@@ -140,6 +141,21 @@ def test_a_place_that_its_table_contradicts_is_left_out_without_an_import(body: 
         assert len(said) == 1 and len(table) == STATES - (body == 0) and np.isnan(table.markers[6]).all() == (body == 1)
     write_csv(whole, case / "trials.csv")
     assert len(lab.case(case).table) == STATES
+
+
+@pytest.mark.parametrize("body", [0, 1])
+def test_a_place_far_from_its_repeats_is_left_out_and_places_that_scatter_are_not(body: int, tmp_path: Path) -> None:
+    table = read_all(tmp_path, {"a.csv": WHOLE}).table
+    x, noise = ("x", "m1x")[body], np.random.default_rng(1).normal(0.0, 3e-4, (3, STATES))
+    repeated = Table.joined([replace(table, warnings=()).replaced({x: table[x] + own}) for own in noise])
+    bad = repeated.replaced({x: repeated[x] + 0.012 * (np.arange(3 * STATES) == 2 * STATES + 8)})
+    with pytest.warns(
+        match=f"trial .* step .*: {('the tip', 'marker 1')[body]} is 1[12][.]. mm from the middle of its repeats"
+    ) as said:
+        kept = lab.case(bad.to_pandas(), ROBOT).table
+    assert len(said) == 1 and len(kept) == 3 * STATES - (body == 0) and np.isnan(kept.markers).sum() == 3 * (body == 1)
+    slipped = repeated.replaced({x: repeated[x] + 0.02 * (repeated.trial == repeated.trial[-1])})
+    assert len(lab.case(slipped.to_pandas(), ROBOT).table) == 3 * STATES
 
 
 def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) -> None:
