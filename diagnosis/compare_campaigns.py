@@ -132,7 +132,7 @@ class _JointForward:
             replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values())
             for i in (later.infos[i] for i in self._effects)
         ]
-        least_sizes = [later.least_of_each[i] for i in self._effects]
+        least_sizes = [later.least[i] for i in self._effects]
         sd = np.concatenate([reference.sd, later.sd[later_only], later.sd[self._effects]])
         self.parameters = FitParameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least_sizes), changes=True)
 

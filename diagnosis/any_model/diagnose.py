@@ -377,7 +377,7 @@ def _with_relative(b: Built, relative: Cause, beside: Hypothesis, c: Candidate) 
     """A relative and the causes beside it, fitted from a candidate with the relative at its plausible size on every side."""
     own = [p for p in b.of_relatives if p.source == relative.name]
     infos, p = (*b.parameters, *own), b.problem.parameters
-    least = (*p.least_of_each, *(judgement.LEAST_NAMED_SIZE for _ in own))
+    least = (*p.least, *(judgement.LEAST_NAMED_SIZE for _ in own))
     wider = FitParameters(infos, np.array([*p.sd, *(x.sd for x in own)]), least)
     problem = replace(b.problem, forward=b.model.by(infos), parameters=wider)
     named = (*beside, relative.name)
