@@ -36,8 +36,9 @@ from ..inference.fit import fit, fit_alone
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import TINY, Prepared
-from ..judgement import REDUCIBLE_RATIO, RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
+from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, Begun, calibrated
+from .decision import share_closed
 from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 
 
@@ -223,11 +224,6 @@ def closed(how: str, before: Array, after: Array, floor: float, states: Campaign
         for i in (level == k for k in np.unique(level))
     )
     return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * floor, share, interval, by_length)
-
-
-def share_closed(before: float, after: float, floor: float) -> float | None:
-    """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
-    return None if before <= REDUCIBLE_RATIO * floor else 1 - (after**2 - floor**2) / (before**2 - floor**2)
 
 
 def interval_closed(
