@@ -25,7 +25,7 @@ from .arrays import Array
 from .criticism.gaussian import misfit_diagnostics
 from .criticism.outside import odds_outside
 from .data.campaign import Campaign
-from .data.case import CaseLike, states
+from .data.case import Case, states
 from .errors import BadCase
 from .inference.evidence import NONE
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
@@ -44,7 +44,7 @@ CHANGE = " (change)"
 
 @one_thread
 def compare_campaigns(
-    later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE, executor: Executor = SINGLE_THREAD
+    later: Case, reference: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE, executor: Executor = SINGLE_THREAD
 ) -> Change:
     """What changed from `reference` to `later`; raises `BadCase` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:
@@ -132,7 +132,7 @@ class _JointForward:
             replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values())
             for i in (later.infos[i] for i in self._effects)
         ]
-        least_sizes = [later.least_of_each[i] for i in self._effects]
+        least_sizes = [later.least[i] for i in self._effects]
         sd = np.concatenate([reference.sd, later.sd[later_only], later.sd[self._effects]])
         self.parameters = FitParameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least_sizes), changes=True)
 

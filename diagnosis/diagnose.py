@@ -31,7 +31,7 @@ from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
 from .answer.unseen import Unseen, unseen_states
 from .data.campaign import Campaign
-from .data.case import CaseLike, states
+from .data.case import Case, states
 from .edits.order import ORDER
 from .edits.search import Edited
 from .errors import BadCase
@@ -54,7 +54,7 @@ class Options:
     """What to do next."""
     catalogue: Mapping[str, EffectSpec] = field(default_factory=lambda: CATALOGUE)
     """The effects that are considered."""
-    holdout: CaseLike | None = None
+    holdout: Case | None = None
     """A campaign that is not fitted, on which the answer is tested."""
     baseline: Baseline | None = None
     """What another simulator predicts of the rows of the case's table, in the rod's place."""
@@ -70,17 +70,16 @@ class Examined:
     first: Edited
 
 
-def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
+def diagnose(case: Case, options: Options | None = None) -> Diagnosis:
     """Diagnose a case: where the gap lies, its most probable cause, how far it shrinks, and what to do next.
 
     `case` has a robot and its table of trials. Raises `BadCase` or `BadHoldout` when the table, or the campaign held out,
     cannot be used.
 
-    >>> from collections import namedtuple
     >>> from pathlib import Path
     >>> from model.robot import load_robot
     >>> from recordings.table_file import read_csv
-    >>> case = namedtuple("Case", "robot table")(load_robot(Path("robot.yaml")), read_csv(Path("campaign/trials.csv")))
+    >>> case = Case(load_robot(Path("robot.yaml")), read_csv(Path("campaign/trials.csv")))
     >>> one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
     >>> answer = diagnose(case, Options(quantify=False, experiments=False, catalogue=one))
     >>> answer.data.rows, answer.data.trials, answer.locate.of
@@ -90,7 +89,7 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
 
 
 @one_thread
-def examine(case: CaseLike, options: Options | None = None) -> Examined:
+def examine(case: Case, options: Options | None = None) -> Examined:
     """Diagnose as `diagnose` does; also the hypotheses still in play, which predict what an experiment would give."""
     options = options or Options()
     prepared, settled, edited, findings, held_out_states = _prepared(case, options)
@@ -178,7 +177,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     return Examined(replace(answer, headline=line), rivals, edited)
 
 
-def _prepared(case: CaseLike, options: Options) -> tuple[Prepared, Finding | None, Edited, tuple[Finding, ...], Campaign | None]:
+def _prepared(case: Case, options: Options) -> tuple[Prepared, Finding | None, Edited, tuple[Finding, ...], Campaign | None]:
     """The problem of a case; the thrust and the edits of robot.yaml that were settled before, findings on the table, and the
     states that are held out, edited alike."""
     campaign, findings = states(case)

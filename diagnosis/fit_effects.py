@@ -38,7 +38,7 @@ from .answer.size import ByActuator, by_actuator
 from .arrays import DIGITS, rms, rounded, rows_by
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
-from .data.case import CaseLike, states
+from .data.case import Case, states
 from .data.noise_components import NoiseComponents
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
@@ -151,7 +151,7 @@ class Fitted(Shown, FittedRobot):
 
 @one_thread
 def fit_effects(
-    case: CaseLike,
+    case: Case,
     effects: Sequence[str],
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     progress: Progress = no_progress,

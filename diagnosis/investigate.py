@@ -20,7 +20,7 @@ from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
 from .arrays import rms
-from .data.case import Case, CaseLike, states
+from .data.case import Case, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
 from .inference.prepare import table_columns
@@ -119,7 +119,7 @@ class Laboratory(Protocol):
     def refusal(self, proposal: Proposal) -> str:
         """Why this one cannot be done; empty where it can."""
 
-    def perform(self, predicted: Predicted) -> CaseLike:
+    def perform(self, predicted: Predicted) -> Case:
         """Save the prediction, do the experiment and return the campaign with its states appended. Raises `NotDone`."""
 
 
@@ -129,7 +129,7 @@ def settled(d: Diagnosis) -> bool:
 
 
 def investigate(
-    case: CaseLike,
+    case: Case,
     laboratory: Laboratory,
     options: Options,
     minutes: float,
@@ -169,7 +169,7 @@ def investigate(
             return Investigation((*rounds, replace(this_round, refused=refused)), ended)
 
 
-def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Predicted, CaseLike]:
+def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Predicted, Case]:
     """The prediction, and the campaign with the experiment. Raises `NotDone`, also if it takes more than `minutes`."""
     if why := laboratory.refusal(proposal):
         raise NotDone(why)
@@ -183,7 +183,7 @@ def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minut
     return predicted, laboratory.perform(predicted)
 
 
-def judge(examined: Examined, case: CaseLike, extended: CaseLike) -> tuple[Tested, ...]:
+def judge(examined: Examined, case: Case, extended: Case) -> tuple[Tested, ...]:
     """Judge each rival's prediction, made from `case`, by the rows that `extended` adds to it; empty without tips."""
     rivals, p = examined.rivals, examined.rivals.prepared
     new_rows = extended.table.take(np.arange(len(case.table), len(extended.table)))

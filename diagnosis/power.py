@@ -35,7 +35,7 @@ from recordings.trials import Table
 from .answer.experiments import candidate_experiments, columns
 from .answer.result import Proposal
 from .arrays import Array
-from .data.case import Case, CaseLike, states
+from .data.case import Case, states
 from .errors import BadCase
 from .inference.budget import BudgetPart, after_calibration
 from .inference.candidate import Candidate
@@ -284,7 +284,7 @@ def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int =
     return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **columns_read}))
 
 
-def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
+def of_case(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
     """The linear problem of a campaign, measured or foreseen. Raises `BadCase`."""
     prepared = prepare(case.robot, states(case)[0], catalogue=catalogue)
     none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)

@@ -25,7 +25,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from benchmarks.blind.folder import SetFolder
 from diagnosis.answer.attribute import calibrated
-from diagnosis.answer.unseen import share_closed
+from diagnosis.answer.decision import share_closed
 from diagnosis.arrays import Array, Ints, Mask, rms
 from diagnosis.data.case import states
 from diagnosis.data.levels import SPINE_GAP, levels

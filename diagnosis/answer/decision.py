@@ -90,6 +90,11 @@ def outside_at_most(d: Decision, probability: float) -> Decision:
     return replace(d, verdict="unknown", effects=(), probability=most, outside=most, limited=probability > most)
 
 
+def share_closed(before: float, after: float, floor: float) -> float | None:
+    """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
+    return None if before <= judgement.REDUCIBLE_RATIO * floor else 1 - (after**2 - floor**2) / (before**2 - floor**2)
+
+
 def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, closed: float | None) -> Decision:
     """The decision to name the `best` effects of the catalogue, although the readings follow no law of theirs exactly, where they
     close `FOLLOWED_SHARE` of the gap on unseen states (`closed`; None: not known) and no relative explains more: a law of another

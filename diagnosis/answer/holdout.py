@@ -15,7 +15,7 @@ from model.effects.design import design_from_columns
 
 from ..arrays import Array
 from ..data.campaign import Campaign, tips
-from ..data.case import CaseLike, states
+from ..data.case import Case, states
 from ..data.levels import SPINE_GAP, levels
 from ..errors import BadCase, BadHoldout
 from ..inference.prepare import Prepared, table_columns
@@ -25,7 +25,7 @@ from .result import Holdout
 from .unseen import closed
 
 
-def other_campaign(diagnosed: CaseLike, other: CaseLike) -> Campaign:
+def other_campaign(diagnosed: Case, other: Case) -> Campaign:
     """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
     if diagnosed.robot != other.robot:
         raise BadHoldout(

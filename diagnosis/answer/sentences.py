@@ -25,10 +25,10 @@ from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
+from .decision import share_closed
 from .headline import for_people, percent, plain_name, relative, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size
-from .unseen import share_closed
 from .verdict import stage
 
 

@@ -36,8 +36,9 @@ from ..inference.fit import fit, fit_alone
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import TINY, Prepared
-from ..judgement import REDUCIBLE_RATIO, RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
+from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, Begun, calibrated
+from .decision import share_closed
 from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 
 
@@ -214,8 +215,9 @@ def _steps(
 
 def closed(how: str, before: Array, after: Array, floor: float, states: Campaign, kind: Ints | None = None) -> Shrink:
     """The section `shrink`, from errors (n,) m of states that the fits did not see; `how` they were left out. Its interval draws
-    trials anew, see `closed_with_interval`."""
-    share, interval = closed_with_interval(before, after, floor, states.trial, kind)
+    trials anew, see `interval_closed`."""
+    share = share_closed(rms(before), rms(after), floor)
+    interval = None if share is None else interval_closed(before, after, floor, states.trial, kind)
     level = levels(states.spine_length, SPINE_GAP)
     by_length = tuple(
         LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
@@ -224,33 +226,23 @@ def closed(how: str, before: Array, after: Array, floor: float, states: Campaign
     return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * floor, share, interval, by_length)
 
 
-def share_closed(before: float, after: float, floor: float) -> float | None:
-    """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
-    return None if before <= REDUCIBLE_RATIO * floor else 1 - (after**2 - floor**2) / (before**2 - floor**2)
-
-
-def closed_with_interval(
+def interval_closed(
     before: Array, after: Array, floor: float, trial: Ints, kind: Ints | None = None
-) -> tuple[float | None, tuple[float, float] | None]:
-    """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials.
+) -> tuple[float, float] | None:
+    """95 % interval of the share closed, from tip errors (n,) m of states; None from fewer than two trials.
 
     Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
     """
-    share = share_closed(rms(before), rms(after), floor)
-    if share is None:
-        return None, None
     names, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
-    if len(names) < 2:
-        return share, None
     drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first_state])
     n = np.bincount(index)[drawn].sum(axis=1)
     # m^2 above the floor in each draw, before and after, as in `share_closed`
     reducible, remaining = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
     shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
-    if not shares.size:
-        return share, None
+    if len(names) < 2 or not shares.size:
+        return None
     low, high = np.quantile(shares, [0.025, 0.975])
-    return share, (float(low), float(high))
+    return float(low), float(high)
 
 
 def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:

@@ -31,11 +31,10 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 from ..inference.prepare import Prepared
 from .attribute import Attribution
-from .decision import Decision
+from .decision import Decision, share_closed
 from .distinguishability import visible
 from .result import Attribute, Carries, Conclusion, Data, FittedRobot, Ranked, Role, Shrink, Value
 from .size import Size, values
-from .unseen import share_closed
 
 
 def data_section(p: Prepared, table: Table) -> Data:

@@ -135,7 +135,7 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     sd = np.where(estimated, np.maximum(0.1 * rough, NOISE_FLOOR * table.spread), estimate.sd)
     estimate = replace(estimate, sd=sd, floor=sd)
     of_made = model.by(made)
-    parameters = FitParameters(made, np.array([p.sd for p in made]))
+    parameters = FitParameters(made, np.array([p.sd for p in made]), (judgement.LEAST_NAMED_SIZE,) * len(made))
     no_errors = SmoothErrors(np.zeros((len(row), 0)), output, len(sd), np.zeros(len(row)))
     noise = estimate.noise(table, row, output)
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, no_errors)

@@ -19,7 +19,7 @@ import pandas as pd
 from model.cause import Cause
 
 from .. import judgement
-from ..answer.decision import Decision, behaves_like, decide, doubted, outside_at_most, without_nothing
+from ..answer.decision import Decision, behaves_like, decide, doubted, outside_at_most, share_closed, without_nothing
 from ..answer.distinguishability import distinguishability
 from ..arrays import Array, Mask
 from ..criticism.gaussian import Gaussian
@@ -119,9 +119,7 @@ class _Diagnosis:
         decision = without_nothing(decision, known, lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
         before, after, corrected = (b.rms(residual).tolist() for residual in unseen)
-        closed = (
-            (before[0] ** 2 - max(after[0], 1.0) ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
-        )
+        closed = share_closed(before[0], max(after[0], 1.0), 1.0)
         decision = behaves_like(decision, w.best.named, ranked, closed)
         if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
             # one of several that cannot be told apart, so that each may be zero
@@ -377,7 +375,7 @@ def _with_relative(b: Built, relative: Cause, beside: Hypothesis, c: Candidate) 
     """A relative and the causes beside it, fitted from a candidate with the relative at its plausible size on every side."""
     own = [p for p in b.of_relatives if p.source == relative.name]
     infos, p = (*b.parameters, *own), b.problem.parameters
-    least = (*p.least_of_each, *(judgement.LEAST_NAMED_SIZE for _ in own))
+    least = (*p.least, *(judgement.LEAST_NAMED_SIZE for _ in own))
     wider = FitParameters(infos, np.array([*p.sd, *(x.sd for x in own)]), least)
     problem = replace(b.problem, forward=b.model.by(infos), parameters=wider)
     named = (*beside, relative.name)

@@ -109,7 +109,7 @@ def fit_relative(p: Prepared, r: Related, start: Candidate, least_weight: float)
     wider = FitParameters(
         infos,
         np.where(place < 0, [i.sd for i in infos], of_problem.sd[place]),
-        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else of_problem.least_of_each[j] for j in place.tolist()),
+        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else of_problem.least[j] for j in place.tolist()),
     )
     problem = replace(p.problem, forward=MaskedForward(forward, p.kept), parameters=wider)
     named = (*r.beside, r.relative)
@@ -149,8 +149,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     calibrated = replace(known, infos=(*itertools.compress(known.infos, free), *infos), sd=np.append(known.sd[free], sd))
     columns = Columns.of(np.hstack([problem.slope(c.fit.derivatives(problem)).take(free).whole, slope]))
     least = least_sizes(calibrated, p.labels, columns, p.noise_floor)[int(free.sum()) :]
-    least = known.least_of_each + (least or (judgement.LEAST_NAMED_SIZE,) * len(infos))
-    wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd), least=least)
+    wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd), least=known.least + least)
     return wider, problem.noise.whiten(slope * sd)
 
 

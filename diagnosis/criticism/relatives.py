@@ -58,10 +58,6 @@ def _shared_pressure(q: Quantities, v: Values) -> None:
     q.pressure = q.pressure + passed @ (one[first] - one[second])
 
 
-def _zeros(q: Quantities, v: Values) -> None:
-    q.pressure = q.pressure + _at_each(v)
-
-
 def _times(name: str, growth: Callable[[Quantities, Values], Array]) -> Law:
     """Of a quantity that grows by a share."""
     return Law(before=lambda q, v: setattr(q, name, getattr(q, name) * (1 + growth(q, v))))
@@ -103,7 +99,7 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
         _relative(
             "regulator_offset", "actuation", "a regulator's offset at {}",
             "read the pressure gauges with all {actuators} open to the air",
-            Law(before=_zeros), Parameter("zero", "Pa", 2.5e3, -25e3, 25e3)),
+            _plus("pressure", lambda q, v: _at_each(v)), Parameter("zero", "Pa", 2.5e3, -25e3, 25e3)),
         _relative(
             "gauge_drift", "actuation", "drift of the pressure gauges", AGAIN,
             _times("pressure", lambda q, v: (v["gain"] * q.design.progress)[..., None]), Parameter("gain", "1", 0.05, -0.5, 0.5)),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -25,16 +24,6 @@ from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
 from .plausible import complete, implausible_values, of_body, require_plausible_pushes
 
 
-class CaseLike(Protocol):
-    """A robot and its table of trials."""
-
-    @property
-    def robot(self) -> Robot: ...
-
-    @property
-    def table(self) -> Table: ...
-
-
 @dataclass(frozen=True)
 class Case:
     """A robot and a table of trials."""
@@ -43,7 +32,7 @@ class Case:
     table: Table
 
 
-def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
+def states(case: Case) -> tuple[Campaign, tuple[Finding, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     table, rows = case.table, np.arange(len(case.table))

@@ -70,7 +70,7 @@ class Noise:
     """(n,) standard deviation of each value's independent error."""
     pressure_response: Array
     """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
-    lasting: Lasting | None = None
+    lasting: Lasting
 
     def __getstate__(self) -> dict[str, Any]:
         """Without cached values."""
@@ -99,31 +99,27 @@ class Noise:
     @cached_property
     def block(self) -> Ints:
         """(n,) number of the block that each value belongs to: whitening mixes values of one block alone."""
-        lasting = self.lasting
-        block = self.state if lasting is None else np.where(lasting.block < 0, -1 - self.state, lasting.block)
-        return np.unique(block, return_inverse=True)[1]
+        block = self.lasting.block
+        return np.unique(np.where(block < 0, -1 - self.state, block), return_inverse=True)[1]
 
     @property
     def own(self) -> Array:
         """(n,) standard deviation of each value's own error, its lasting part included."""
-        return self.sd if self.lasting is None else np.hypot(self.sd, self.lasting.sd)
+        return np.hypot(self.sd, self.lasting.sd)
 
     def take(self, kept: Mask) -> Noise:
         """The noise of some of the values."""
-        lasting = self.lasting and self.lasting.take(kept)
-        return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept], lasting)
+        return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept], self.lasting.take(kept))
 
     def then(self, other: Noise) -> Noise:
         """With the noise of other values after these, of other states."""
         responses = self.pressure_response, other.pressure_response
         wide = max(r.shape[1] for r in responses)
-        first, second = (noise.lasting or Lasting.none(len(noise.sd)) for noise in (self, other))
-        lasting = first.then(second) if self.lasting or other.lasting else None
         return Noise(
             np.concatenate([self.state, other.state + self.state.max() + 1]),
             np.concatenate([self.sd, other.sd]),
             np.concatenate([np.pad(r, ((0, 0), (0, wide - r.shape[1]))) for r in responses]),
-            lasting,
+            self.lasting.then(other.lasting),
         )
 
     def _applied(self, values: Array, matrix: Callable[[_Blocks], Array], into: Array | None = None) -> Array:
@@ -151,8 +147,6 @@ class Noise:
         same = (state[:, :, None] == state[:, None, :]).astype(float)  # [same state]
         by_pressure = response @ response.swapaxes(1, 2)  # sum_g s_ig s_jg
         out = np.eye(rows.shape[1]) * self.sd[rows][:, :, None] ** 2
-        if self.lasting is None:
-            return np.asarray(out + same * by_pressure)
         time, channel, slow = self.lasting.time[rows], self.lasting.channel[rows], self.lasting.sd[rows]
         k = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.lasting.memory[rows][:, :1, None])
         k = np.where(same > 0, 1.0, np.where(np.isfinite(k), k, 0.0))  # without times nothing lasts beyond a state

@@ -101,20 +101,15 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
     on several sides, another order that it knows is taken for that, as an effect of the robot.
     """
-    found = None if robot.effects or robot.tolerances else judge(robot, states)
+    sample = None if robot.effects or robot.tolerances else sample_of(robot, states)
+    found = None if sample is None else judged(sample)
     chosen = None if found is None else found.chosen
     return Edited(robot, states) if found is None or chosen is None else _made(robot, states, found, chosen, effects)
 
 
-def judge(robot: Robot, states: Campaign) -> Judged | None:
-    """The edits of robot and states that were tried; None where the robot is near its data, or there are too few."""
-    sample = sample_of(robot, states)
-    return None if sample is None else judged(sample)
-
-
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)
 def judged(sample: Sample) -> Judged | None:
-    """The same, once for each sample."""
+    """The edits of robot and states that were tried, once for each sample; None where the robot is near its data."""
     near = max(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10), key=attrgetter("log_posterior"))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()

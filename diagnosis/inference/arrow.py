@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csc_array, csr_array, dia_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
@@ -42,7 +42,7 @@ class Arrow:
     across: Array
     """(l, s)"""
     local: csc_array
-    """(l, l), its diagonal stored even where zero."""
+    """(l, l)"""
 
     def exchanged(self, at: Ints, with_sparse: Array, with_shared: Array, among: Array) -> Arrow:
         """With shared ones `at` (a,) exchanged for others: their products with the sparse ones (l, a), with other shared ones,
@@ -65,10 +65,9 @@ class Arrow:
 
     def plus(self, diagonal: Array) -> Arrow:
         """A + diag(diagonal) with diagonal (c,)."""
-        shared, local = self.shared.copy(), self.local.copy()
+        shared = self.shared.copy()
         shared[np.diag_indices(self.at.size)] += diagonal[self.at]
-        local.data[local.indices == self._column] += diagonal[self.rest]
-        return replace(self, shared=shared, local=local)
+        return replace(self, shared=shared, local=_with_more(self.local, diagonal[self.rest]))
 
     @cached_property
     def _column(self) -> Ints:
@@ -179,10 +178,7 @@ def cholesky(matrix: Array) -> Array:
 def _sparse_factors(matrix: csc_array) -> Any:
     """L and U of a sparse positive definite matrix; the diagonal raised as in `cholesky`."""
     for share in ROUNDING:
-        raised = matrix
-        if share:
-            raised = matrix.copy()
-            raised.setdiag(matrix.diagonal() * (1 + share))
+        raised = _with_more(matrix, share * matrix.diagonal()) if share else matrix
         with suppress(RuntimeError):  # exactly singular
             found = splu(raised, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
             if (found.U.diagonal() > 0).all():
@@ -190,8 +186,6 @@ def _sparse_factors(matrix: csc_array) -> Any:
     raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
 
 
-def with_diagonal(matrix: csr_array) -> csc_array:
-    """A square matrix with all of its diagonal stored, zeros too."""
-    entries, all_of_it = matrix.tocoo(), np.arange(matrix.shape[0])
-    row, column = (np.concatenate([of, all_of_it]) for of in entries.coords)
-    return csc_array((np.concatenate([entries.data, np.zeros(len(all_of_it))]), (row, column)), shape=matrix.shape)
+def _with_more(matrix: csc_array, diagonal: Array) -> csc_array:
+    """A sparse matrix (l, l) plus diag(diagonal)."""
+    return csc_array(matrix + dia_array((diagonal[None], [0]), shape=matrix.shape))

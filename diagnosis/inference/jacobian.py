@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array, hstack
+from scipy.sparse import csc_array, csr_array, hstack
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
-from .arrow import Arrow, with_diagonal
+from .arrow import Arrow
 
 FEW = 1 / 16
 """Largest share of the rows for which a parameter with copies elsewhere is stored by its rows."""
@@ -103,7 +103,7 @@ class Columns:
         shared[:d, :d], shared[d:, :d], shared[d:, d:] = self.dense.T @ self.dense, more.T @ self.dense, more.T @ more
         shared[:d, d:] = shared[d:, :d].T
         across = np.hstack([sparse @ self.dense, sparse @ more])
-        return Arrow(at, shared, self.rest, across, with_diagonal(sparse @ self.sparse))
+        return Arrow(at, shared, self.rest, across, csc_array(sparse @ self.sparse))
 
     def take(self, chosen: Mask) -> Columns:
         """Those of the columns that are chosen (c,); neighbours are not copied."""

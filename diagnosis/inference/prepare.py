@@ -256,7 +256,7 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     names = [f.name for f in fields(FitParameter)]
     every = (FitParameter(**{name: getattr(info, name) for name in names}) for info in infos)
     own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in every)
-    return FitParameters(own, np.array([p.sd for p in own]))
+    return FitParameters(own, np.array([p.sd for p in own]), (LEAST_NAMED_SIZE,) * len(own))
 
 
 def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: float) -> tuple[float, ...]:
@@ -264,7 +264,7 @@ def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: floa
     tip beyond the calibration, to first order at zero, at most `LEAST_NAMED_SIZE`; at least what its effect asks for."""
     tips, out = labels.kind == 0, np.full(len(made.infos), LEAST_NAMED_SIZE)
     if not tips.any():
-        return ()
+        return tuple(out.tolist())
     own = made.of_effect
     tip_slope = slope.rows(tips)
     left = made.beyond_calibration(tip_slope.take(own).whole * made.scale, tip_slope)

@@ -120,8 +120,8 @@ class FitParameters:
     infos: tuple[FitParameter, ...]
     sd: Array
     """(k,) prior standard deviation, for an effect its plausible scale; of what repeats show, not that of `infos`."""
-    least: tuple[float, ...] = ()
-    """Least size of a named effect, as a share of each parameter's scale; empty: `LEAST_NAMED_SIZE` for all."""
+    least: tuple[float, ...]
+    """(k) least size of a named effect, as a share of each parameter's scale."""
     narrow: bool = False
     """An effect that may be named below `LEAST_NAMED_SIZE` has a narrower tolerance, and counts as large from that size on."""
     changes: bool = False
@@ -171,14 +171,9 @@ class FitParameters:
         return (self.upper / self.sd)[self.of_effect]
 
     @cached_property
-    def least_of_each(self) -> tuple[float, ...]:
-        """(k) `least`, for all parameters."""
-        return self.least or (LEAST_NAMED_SIZE,) * len(self.infos)
-
-    @cached_property
     def least_named(self) -> Array:
         """(p,) least size of a named effect, in units of its parameters' scales."""
-        return np.array(self.least_of_each)[self.of_effect]
+        return np.array(self.least)[self.of_effect]
 
     @cached_property
     def law_error(self) -> dict[str, float]:

@@ -148,7 +148,7 @@ def noise_to_come(noise: NoiseComponents, observed: Observations, design: States
 
 def _of_channels(
     noise: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
-) -> tuple[Array, Lasting | None]:
+) -> tuple[Array, Lasting]:
     """Sd (n,) of each value's independent error, and the lasting errors; `kind` (n,): index in `KINDS`."""
 
     def of_kind(by_name: Mapping[str, float], default: float) -> Array:
@@ -156,7 +156,7 @@ def _of_channels(
 
     sd = of_kind(noise.channel, 1.0)
     if not noise.lasting:
-        return sd, None
+        return sd, Lasting.none(len(sd))
     share = np.where(block < 0, 0.0, of_kind(noise.lasting, 0.0))
     lasting_sd = of_kind(noise.channel, 0.0) * np.sqrt(share)
     _, channel_number = np.unique(channel, return_inverse=True)

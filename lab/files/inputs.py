@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings
+from diagnosis.data.case import Case as Measured
 from diagnosis.findings import Finding, finding
 from model.arrays import Array, Ints, Mask
 from model.condition import States
@@ -37,11 +38,9 @@ TABLES = (
 
 
 @dataclass(frozen=True)
-class Case(Shown):
-    """Measured states and the robot they were measured on."""
+class Case(Measured, Shown):
+    """Measured states, `table`, and the `robot` they were measured on."""
 
-    robot: Robot
-    table: Table
     robot_text: str = field(default="", compare=False)
     """robot.yaml as read, to derive another from it; empty if there is none."""
 

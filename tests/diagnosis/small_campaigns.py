@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.result import Diagnosis
-from diagnosis.data.case import CaseLike
+from diagnosis.data.case import Case
 from diagnosis.diagnose import Examined, Options, diagnose, examine
 from diagnosis.inference.prepare import table_columns
 from model.effects import CATALOGUE, EffectSpec
@@ -63,7 +63,7 @@ def answer(catalogue: Catalogue) -> Diagnosis:
 EXAMINED: dict[str, Examined] = {}
 
 
-def examined_once(case: CaseLike, options: Options) -> Examined:
+def examined_once(case: Case, options: Options) -> Examined:
     """`examine` for tests that begin with the same campaign and the same options: once for each table."""
     rows = repr(case.table.rows)
     if rows not in EXAMINED:

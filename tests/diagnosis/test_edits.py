@@ -17,7 +17,7 @@ from diagnosis.edits.listed import every_edit
 from diagnosis.edits.misfit import _Problem, as_described, sample_of
 from diagnosis.edits.of_table import of_table
 from diagnosis.edits.reading import read as judge_table
-from diagnosis.edits.search import edit_first, judge
+from diagnosis.edits.search import edit_first
 from diagnosis.fit_effects import fit_effects
 from lab.files.inputs import case_of
 from model.condition import conditions
@@ -379,7 +379,7 @@ def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_fro
     true: tuple[float, ...], told: tuple[float, ...], found: str
 ) -> None:
     robot = HANGING.model_copy(update={"gravity": true})
-    judged = judge(robot.model_copy(update={"gravity": told}), campaign(read(robot)))
+    judged = search.judged(sample_of(robot.model_copy(update={"gravity": told}), campaign(read(robot))))
     assert judged is not None and judged.chosen is not None
     (change,) = judged.findings
     assert (change.code, change.values["found"]) == ("gravity_elsewhere", found)
@@ -391,7 +391,7 @@ def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:
     told, table = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)}), read(HANGING)
     aside = 0.2 * np.random.default_rng(3).uniform(-1, 1, (len(table) // 2, 3))
     odd = placed(table, lambda tip: tip.mean(axis=0) + np.tile(aside, (2, 1)))
-    judged = judge(told, campaign(attitudes(odd, lambda q: np.nan * q)))
+    judged = search.judged(sample_of(told, campaign(attitudes(odd, lambda q: np.nan * q))))
     assert judged is not None and judged.chosen is None, judged.findings
 
 
@@ -402,7 +402,7 @@ def test_an_effect_of_the_catalogue_is_no_mistake() -> None:
     theta = np.zeros(len(forward.parameters))
     theta[forward.index(effect)] = 0.31
     tips = forward.predict(theta).reshape(-1, 3) + np.random.default_rng(2).normal(0, 0.2e-3, (len(table), 3))
-    judged = judge(FINGER, campaign(placed(table, lambda _: tips)))
+    judged = search.judged(sample_of(FINGER, campaign(placed(table, lambda _: tips))))
     assert judged is None or judged.chosen is None, judged.findings
 
 
@@ -437,11 +437,11 @@ def in_frame(table: Table, axes: Any) -> Table:
 def test_markers_along_the_body_tell_a_length_from_an_origin() -> None:
     p, two = {}, marked(FINGER, 1 / 3, 2 / 3)
     for robot, described in ((FINGER, longer(FINGER)), (two, longer(two))):
-        judged = judge(described, campaign(read(robot)))
+        judged = search.judged(sample_of(described, campaign(read(robot))))
         assert judged is not None
         p[len(robot.markers)] = judged.probability("length")
     assert p[2] > 0.99 and p[2] >= p[0]
-    assert judge(two, campaign(read(two))) is None
+    assert search.judged(sample_of(two, campaign(read(two)))) is None
 
 
 @pytest.mark.parametrize("robot", [FINGER, PAPER, pytest.param(TENDON_ARM, marks=pytest.mark.long)])

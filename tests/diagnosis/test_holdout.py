@@ -9,7 +9,7 @@ from diagnosis.answer.attribute import Attribution, attribute, begin
 from diagnosis.answer.decision import Decision
 from diagnosis.answer.holdout import evaluate_holdout, other_campaign
 from diagnosis.answer.sentences import held_out
-from diagnosis.answer.unseen import closed_with_interval
+from diagnosis.answer.unseen import interval_closed
 from diagnosis.data.case import states
 from diagnosis.errors import BadHoldout
 from diagnosis.inference.prepare import prepare
@@ -102,6 +102,6 @@ def test_trials_are_drawn_within_their_kind() -> None:
     trial = np.repeat(np.arange(4), 5)
     before = np.repeat([1e-3, 1e-3, 9e-3, 9e-3], 5)
     after = np.repeat([0.9e-3, 0.9e-3, 1e-3, 1e-3], 5)
-    wide = closed_with_interval(before, after, 0.5e-3, trial)[1]
-    tight = closed_with_interval(before, after, 0.5e-3, trial, trial // 2)[1]
+    wide = interval_closed(before, after, 0.5e-3, trial)
+    tight = interval_closed(before, after, 0.5e-3, trial, trial // 2)
     assert tight[1] - tight[0] < 1e-9 < wide[1] - wide[0]

@@ -230,9 +230,9 @@ def test_two_campaigns_have_errors_of_their_own() -> None:
     beside = Noise(np.concatenate([STATE, STATE + 6]), np.tile(OWN, 2), np.tile(RESPONSE, (2, 1)), both)
     values = np.linspace(-1, 1, 18)
     assert beside.whiten(np.tile(values, 2)) == pytest.approx(np.tile(NOISE.whiten(values), 2))
-    alone = Noise(STATE, OWN, RESPONSE)
-    nothing = Noise(STATE, OWN, RESPONSE, Lasting.none(18))
-    assert nothing.whiten(values) == pytest.approx(alone.whiten(values))
+    white = Noise(STATE, OWN, RESPONSE, Lasting.none(18)).whiten(np.eye(18))
+    of_states = np.diag(OWN**2) + (STATE[:, None] == STATE) * (RESPONSE @ RESPONSE.T)
+    assert white @ of_states @ white.T == pytest.approx(np.eye(18))
 
 
 ALL = tuple(range(9))

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from diagnosis import judgement
-from diagnosis.data.noise import Noise
+from diagnosis.data.noise import Lasting, Noise
 from diagnosis.inference.discrepancy import SmoothErrors
 from diagnosis.inference.evidence import NONE
 from diagnosis.inference.executor import Executor
@@ -202,7 +202,7 @@ class Valley(ToyForward):
 def valley(truth: Array) -> Problem:
     forward = Valley()
     y = forward.predict(truth) + SD * np.random.default_rng(4).normal(size=N)
-    noise = Noise(np.arange(N), np.full(N, SD), np.zeros((N, 1)))
+    noise = Noise(np.arange(N), np.full(N, SD), np.zeros((N, 1)), Lasting.none(N))
     return Problem(
         forward, forward.parameters, y, noise, SmoothErrors(np.full((N, 1), np.sqrt(0.5)), np.zeros(N, int), 1, np.zeros(N))
     )

@@ -6,9 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from diagnosis.data.noise import Noise
+from diagnosis.data.noise import Lasting, Noise
 from diagnosis.inference.discrepancy import settings, smooth_errors
 from diagnosis.inference.problem import FitParameters, Problem
+from diagnosis.judgement import LEAST_NAMED_SIZE
 from model.arrays import Array, Ints
 from model.effects.parameters import ParameterInfo
 from model.effects.tolerance import Group
@@ -49,7 +50,7 @@ def parameter(
 
 
 def parameters(*infos: ParameterInfo) -> FitParameters:
-    return FitParameters(infos, np.array([i.sd for i in infos]))
+    return FitParameters(infos, np.array([i.sd for i in infos]), (LEAST_NAMED_SIZE,) * len(infos))
 
 
 class ToyForward:
@@ -108,5 +109,5 @@ def toy_problem(seed: int, truth: dict[str, float], sd: float = 0.3 * MM, clutte
     state, channel = np.repeat(np.arange(n), 3), np.tile(np.arange(3), n)
     where = settings(grid.length, grid.pressure, grid.branch, np.zeros(n), ROBOT_LENGTH)
     smooth = smooth_errors(where, state, np.array(["x", "y", "z"])[channel], sd, ROBOT_LENGTH)
-    noise = Noise(state, np.full(y.size, sd), np.zeros((y.size, 1)))
+    noise = Noise(state, np.full(y.size, sd), np.zeros((y.size, 1)), Lasting.none(y.size))
     return Problem(forward, p, y, noise, smooth)
