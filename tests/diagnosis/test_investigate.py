@@ -82,7 +82,7 @@ def _once(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None:
     start, rounds = loading(1), list[Round]()
     laboratory = Made(start)
-    found = investigate(start, laboratory, OPTIONS, 120.0, 3, rounds.append)
+    found = investigate(start, laboratory, OPTIONS, 120.0, 2, rounds.append)
     assert not settled(rounds[0].diagnosis) and len(laboratory.asked) >= 1
     assert found.answer.attribute.effects == (CAUSE_PROBABILITY,) and found.answer.attribute.probability >= DOUBTED_PROBABILITY
     for r, predicted in zip(found.rounds, laboratory.asked, strict=False):

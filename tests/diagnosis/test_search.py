@@ -199,17 +199,12 @@ class Valley(ToyForward):
         return tilt + size * along, slope if columns is None else slope[:, list(columns)]
 
 
-def valley(truth: Array) -> Problem:
-    forward = Valley()
-    y = forward.predict(truth) + SD * np.random.default_rng(4).normal(size=N)
-    noise = Noise(np.arange(N), np.full(N, SD), np.zeros((N, 1)), Lasting.none(N))
-    return Problem(
-        forward, forward.parameters, y, noise, SmoothErrors(np.full((N, 1), np.sqrt(0.5)), np.zeros(N, int), 1, np.zeros(N))
-    )
-
-
 def test_a_few_rounds_go_along_a_curved_valley_to_its_end() -> None:
-    problem = valley(np.array([1.2, -0.7, -0.5]))
+    forward = Valley()
+    y = forward.predict(np.array([1.2, -0.7, -0.5])) + SD * np.random.default_rng(4).normal(size=N)
+    noise = Noise(np.arange(N), np.full(N, SD), np.zeros((N, 1)), Lasting.none(N))
+    errors = SmoothErrors(np.full((N, 1), np.sqrt(0.5)), np.zeros(N, int), 1, np.zeros(N))
+    problem = Problem(forward, forward.parameters, y, noise, errors)
     p = problem.parameters
 
     def residual(theta: Array) -> Array:

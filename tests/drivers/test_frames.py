@@ -62,8 +62,3 @@ def test_a_rotation_s_vector_is_the_shortest_that_gives_it(vector: tuple[float, 
     found = vector_from_rotation(matrix)
     assert rotation_from_vector(found) == pytest.approx(matrix, abs=1e-9)
     assert np.linalg.norm(found) <= math.pi + 1e-9
-
-
-def test_apply_adds_the_position_after_turning() -> None:
-    turned = apply((1, 2, 3), rotation_from_vector((0, 0, math.pi / 2)), (1, 0, 0))
-    assert turned == pytest.approx((1, 3, 3))

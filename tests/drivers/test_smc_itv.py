@@ -54,14 +54,6 @@ def test_polls_keep_the_distance_that_the_units_need(regulators: SmcItv, fakes: 
     assert [fake.requests.count(b"MON\r\n") for fake in fakes] == [3] * 9
 
 
-def test_what_is_above_the_limit_is_clipped_and_never_sent(opened: Opened, fakes: list[SmcItvFake]) -> None:
-    regulators = opened(max_pressure=20e3)
-    confirmed = regulators.set((1e6, -1e3) + (0.0,) * 7)
-    assert confirmed[0] == pytest.approx(40 * COUNT)
-    assert confirmed[1] == 0.0
-    assert max(int(r.split()[1]) for fake in fakes for r in fake.requests if r.startswith(b"SET")) == 40
-
-
 def test_a_slow_ramp_in_steps_below_one_count_still_arrives(bench: Bench, opened: Opened) -> None:
     regulators = opened(max_rate=2e3)
     deadline = bench.clock.now() + 60.0

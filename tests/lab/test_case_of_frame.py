@@ -260,10 +260,11 @@ def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predic
 @pytest.mark.parametrize(
     ("column", "factor", "found", "unit"),
     [("x", 2.54, r"column x holds cm read as inches \(x 0.3937, p = ", "cm"),
-     ("y", 1 / 25.4, r"column y holds inches read as mm \(x 25.4, p = ", "in"),
      ("p2", 6.895, r"column p2 must be 0.14\d+ times as large \(p = 1.00\): it looks like kPa read as psi; ", "kPa"),
      ("p2", 0.1, r"column p2 must be (9.9|10)\S* times as large .*: it looks like kPa read as mbar or MPa read as bar; ", ""),
-     ("p3", 0.01, r"column p3 must be (99|10[01])\S* times as large .*: it looks like mbar read as Pa or bar read as kPa; ", "")],
+     *(pytest.param(*more, marks=pytest.mark.long) for more in (
+        ("y", 1 / 25.4, r"column y holds inches read as mm \(x 25.4, p = ", "in"),
+        ("p3", 0.01, r"column p3 must be (99|10[01])\S* times .*: it looks like mbar read as Pa or bar read as kPa; ", "")))],
 )  # fmt: skip
 def test_one_column_in_another_unit_is_named_with_the_entry_to_change(
     tmp_path: Path, column: str, factor: float, found: str, unit: str

@@ -268,11 +268,6 @@ def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp
     assert tips(made.table)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
 
 
-def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
-    made = read_all(tmp_path, {"a.csv": WHOLE + ",11.0,11.0,11.0,0,0,147,0,0,70\n"})
-    assert len(made.table) == STATES and any("1 of 31 rows have no time (first: line 32)" in n for n in made.notes)
-
-
 def timed(folder: Path, times: Callable[[int], float | str | None], heading: str = "t [s]", rows: Rows = MANY) -> Imported:
     """A sweep of 4 s holds, read ten times a second, with these times."""
 

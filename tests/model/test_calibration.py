@@ -11,12 +11,11 @@ from model.calibration import (
     fit_body_modulus,
     fit_spine_modulus,
     fit_stiffness,
-    youngs_modulus,
 )
 from model.condition import States, conditions
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
-from model.section import annulus_second_moment, body_second_moment
+from model.section import body_second_moment
 from tests.model.rods.cases import solved
 
 Bending = Callable[..., States]
@@ -92,12 +91,6 @@ def test_spine_modulus_comes_back_for_each_length() -> None:
 
 
 DEFLECTION = np.linspace(0.002, 0.02, 10)
-
-
-def test_a_push_at_the_end_is_equation_nine_whatever_the_force_s_offset() -> None:
-    nine = 4 * 120 * 0.2**3 / (3 * np.pi * 0.029**4)
-    slope = fit_stiffness(DEFLECTION, 120 * DEFLECTION + 0.4)
-    assert youngs_modulus(slope, 0.2, annulus_second_moment(0.029)).value == pytest.approx(nine, rel=1e-12)
 
 
 def test_each_trial_has_its_own_intercept() -> None:

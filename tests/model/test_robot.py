@@ -1,7 +1,5 @@
 """The robot description: what it accepts, and what it says about what it does not."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -144,14 +142,3 @@ def test_a_bad_file_is_named(tmp_path: Path, data: bytes, word: str) -> None:
         load_robot(tmp_path / "nowhere.yaml")
     with pytest.raises(BadRobot, match="not a file"):
         load_robot(tmp_path)
-
-
-def test_reading_a_robot_loads_no_solver() -> None:
-    code = "import sys, model.robot, model.section; print(any(m in sys.modules for m in ('numba', 'scipy', 'matplotlib')))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2])
-    assert done.stdout.strip() == "False"
-
-
-def test_a_copy_with_another_table_uses_that_table(paper_robot: Robot) -> None:
-    paper_robot.spine.modulus_at(0.1)
-    assert paper_robot.spine.model_copy(update={"modulus": {0.1: 5e6}}).modulus_at(0.1) == 5e6

@@ -13,11 +13,6 @@ CREEP = ROOT / "examples/protocol/creep.py"
 RIG = str(ROOT / "examples/rig/rig.yaml")
 
 
-def test_a_file_is_a_protocol_of_its_name() -> None:
-    creep = protocol_from_file(CREEP)
-    assert creep.name == "creep" and creep.plan(creep.parameters()).protocol == "creep"
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

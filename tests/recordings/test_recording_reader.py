@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from synthetic_run import STREAMS, Run, recorded, rewritten, state
+from synthetic_run import Run, recorded, rewritten, state
 
 from recordings.campaign.info import info
 from recordings.campaign.replay import replay_states
 from recordings.errors import MissingStream, NotARecording, OtherVersion
-from recordings.file import samples
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.tail import Tail
@@ -27,18 +26,6 @@ from recordings.states.rules import Window
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp("whole") / "run.mcap", Run(duration=2.0))
-
-
-def test_the_fast_way_equals_the_library_and_the_protobuf_runtime(whole: Path) -> None:
-    recording = Recording.open(whole)
-    for topic in STREAMS:
-        fast = recording.stream(topic)
-        with open(whole, "rb") as file:
-            found = [(schema, message.data) for schema, _, message in make_reader(file).iter_messages([topic])]
-        schema = found[0][0]
-        assert schema is not None
-        slow = samples.decode(recording._message(recording._channel(topic)), schema, [data for _, data in found], len(found))
-        assert fast.dtype == slow.dtype and fast.tobytes() == slow.tobytes()
 
 
 def test_a_message_without_a_field_is_read_by_the_runtime(whole: Path, tmp_path: Path) -> None:
@@ -102,13 +89,6 @@ def test_an_index_that_lies_or_leaves_out_messages_misleads_nobody_and_is_notice
         (tmp_path / "bad.mcap").write_bytes(bad)
         assert Recording.open(tmp_path / "bad.mcap").stream("/tip").tobytes() == samples.tobytes()
         assert any("index" in problem.text for problem in verify(tmp_path / "bad.mcap").problems)
-
-
-def test_info_sums_up_counts_rates_and_provenance(whole: Path) -> None:
-    summary = info(whole)
-    assert summary.finished and summary.complete and summary.outcome == "completed"
-    assert summary.streams["/tip"].timing.count == 199 and summary.streams["/tip"].timing.rate == pytest.approx(100, 0.01)
-    assert summary.attachments == {"rig.yaml": 4} and summary.start.startswith("2001-09-09")
 
 
 def test_gaps_in_a_stream_are_counted(tmp_path: Path) -> None:

@@ -149,12 +149,6 @@ def test_a_stream_that_is_polled_seldom_is_taken_from_before_the_window() -> Non
         conclude(filled(polled(9.0)), asked)
 
 
-def test_a_robot_that_creeps_is_not_settled_before_it_rests() -> None:
-    fast = conclude(filled(Run(lag=0.5).messages()), state(REST))
-    slow = conclude(filled(Run(lag=1.5).messages()), state(REST))
-    assert fast is not None and slow is not None and slow.t > fast.t + 1.0
-
-
 def test_a_hidden_tip_delays_the_reading_until_it_is_seen_again() -> None:
     row = conclude(filled(Run(lag=0.3, hidden=(3.2, 6.0)).messages()), state(REST))
     assert row is not None and row.t > 6.0 + REST.still / 2 - REST.max_hidden

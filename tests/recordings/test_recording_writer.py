@@ -229,13 +229,6 @@ def test_what_waits_when_the_disk_fails_is_counted_as_dropped(held: Held) -> Non
     assert (counts.generated, counts.written, counts.dropped) == (11, 0, 11)
 
 
-def test_an_existing_file_is_never_written_over(tmp_path: Path) -> None:
-    (tmp_path / "a.mcap").write_text("precious")
-    with pytest.raises(WriteFailed, match="exists"):
-        Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
-    assert (tmp_path / "a.mcap").read_text() == "precious"
-
-
 def test_leaving_a_with_block_by_an_error_is_recorded_as_failed(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), Recorder(tmp_path / "a.mcap", start_wall_ns=WALL):
         raise ZeroDivisionError("oh")

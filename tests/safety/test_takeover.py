@@ -295,16 +295,6 @@ def test_a_rig_that_is_used_lands_at_once_and_for_good(small: House, capsys: pyt
     assert not small.latch.exists()
 
 
-@pytest.mark.real
-def test_the_run_ends_and_says_who_asked(house: House, tmp_path: Path) -> None:
-    program = house.start(tmp_path)
-    assert main(["safe", "--rig", str(house.rig)]) == 0
-    assert house.highest() < 5e3
-    output, _ = program.communicate(timeout=600)
-    assert program.returncode == 1 and "requested by lab safe" in " ".join(output.split())
-    assert not house.latch.exists()
-
-
 def test_a_second_program_is_refused_at_once_and_told_of_the_first(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,9 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-import serial
 
-import timing
 from sim_fakes.faults import ACCIDENTS, FAULTS, INSTRUMENTS
 from sim_fakes.pty_fake import Faults
 from sim_fakes.rig import FakeRig
@@ -59,19 +57,6 @@ def test_the_panel_of_an_alicat_names_its_units() -> None:
     assert "no unit 'Q'; one of A, B, C" in made.door.answer(b'{"panel": ["pressure", "Q", "unlock"]}')["error"]
     assert "no unit 'furlong'; one of Pa, " in made.door.answer(b'{"panel": ["pressure", "A", "unit", "furlong"]}')["error"]
     made.stop()
-
-
-def test_a_pulled_cable_is_an_error_and_the_port_comes_back(rig: FakeRig) -> None:
-    line = rig.lines["valve"]
-    with serial.serial_for_url(line.port, 19200, timeout=0.1) as port:
-        line.unplug()
-        with pytest.raises((OSError, serial.SerialException)):
-            for _ in range(20):
-                port.write(b"ver\r")
-                timing.sleep(0.01)
-    line.plug()
-    with serial.serial_for_url(line.port, 19200, timeout=0.1) as port:
-        port.write(b"ver\r")
 
 
 def settle(rig: FakeRig) -> None:

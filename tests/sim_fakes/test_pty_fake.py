@@ -77,13 +77,6 @@ def test_corrupt_changes_exactly_one_bit(echo: Echo, port: serial.Serial) -> Non
     assert differing[0].bit_count() == 1
 
 
-def test_delay_holds_the_answer_back(echo: Echo, port: serial.Serial) -> None:
-    echo.faults.delay = 0.15
-    start = timing.now()
-    assert ask(port) == b"0123456789\n"
-    assert timing.now() - start >= 0.15
-
-
 def test_freeze_stops_the_physics_but_not_the_answers(echo: Echo, port: serial.Serial) -> None:
     echo.faults.freeze = True
     ask(port)

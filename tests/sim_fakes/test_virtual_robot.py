@@ -61,12 +61,6 @@ def test_scatter_is_drawn_anew_at_each_jamming_only(scatter: dict[str, float]) -
     assert 5e-5 < abs(x[3] - x[0]) < 5e-3
 
 
-def test_rolling_the_chambers_turns_the_deflection() -> None:
-    flat, rolled = (walk(VirtualRobot(), [Condition(0.1, bend(150e3), roll=a)])[0].position for a in (0.0, np.radians(90)))
-    assert rolled[:2] == pytest.approx([-flat[1], flat[0]], abs=1e-7)
-    assert rolled[2] == pytest.approx(flat[2], abs=1e-7)
-
-
 def test_equal_pressures_only_lengthen_and_markers_lie_along_the_body() -> None:
     hanging, long = walk(VirtualRobot(), [Condition(0.0), Condition(0.0, (100e3,) * 9)])
     assert np.abs(long.position[:2]).max() < 1e-9

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks.rod_cases import AREA, BODY, CHAMBER, GRAVITY, SPINE_AREA, rods_like_it
-from model.arrays import Array
 from model.condition import States
 from model.robot import Robot
 from model.rods import FINE, Form, Method, Rods, Solution, solve
@@ -39,13 +38,6 @@ def robots(n: int, pressure: ArrayLike, spine: ArrayLike, roll: ArrayLike = 0.0,
     mixed = np.where(spine > 0, (AREA * BODY + SPINE_AREA * own) / (AREA + SPINE_AREA), BODY)
     dead = (0 * one, 0 * one, 0.053 * GRAVITY * one)
     return rods_like_it(spine, (mixed, BODY * one), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * one, form)
-
-
-def reference_robots() -> tuple[Rods, Array]:
-    """The rods of REFERENCE and their tips (20, 3) in m."""
-    found = robots(20, np.tile(PRESSURES, 4), np.repeat(list(REFERENCE), 5))
-    tips = np.array([(x, 0.0, z) for row in REFERENCE.values() for x, z in row]) * 1e-3
-    return found, tips
 
 
 def solved(robot: Robot, states: States, arc_lengths: ArrayLike | None = None, method: Method = FINE) -> Solution:
