@@ -190,7 +190,12 @@ def checked(
         if lacking:
             raise BadTable(f"{place(row)}: {lacking}")
     table = Table({name: column.astype(np.int64) if name in INTEGERS else column for name, column in columns.items()}, ignored)
-    return replace(table, warnings=tuple(_doubts(table)))
+    first = np.unique(np.column_stack([table.trial, table["step"]]), axis=0, return_index=True)[1]
+    again = ~np.isin(np.arange(len(table)), first)
+    copy = table.to_pandas().duplicated().to_numpy() if again.any() else again
+    said = f" appears more than once (such rows: {again.sum()}; of these equal in every cell, and left out: {copy.sum()})"
+    doubts = _doubts(table) + [f"{table.place(i)}{said}" for i in np.flatnonzero(again)[:1].tolist()]
+    return replace(table.take(~copy), warnings=tuple(doubts))
 
 
 def lacks(columns: Mapping[str, NDArray[Any]]) -> list[str]:
@@ -252,7 +257,4 @@ def _doubts(table: Table) -> list[str]:
         near = difflib.get_close_matches(name, ("bending", "elongation", "stiffness"), 1, 0.8)
         if near and not name.startswith(near[0]):
             doubts.append(f"protocol {name[:40]!r}: did you mean {near[0]!r}?")
-    _, first = np.unique(np.column_stack([table.trial, table["step"]]), axis=0, return_index=True)
-    repeated = np.setdiff1d(np.arange(len(table)), first)
-    doubts += [f"{table.place(i)} appears more than once" for i in repeated.tolist()]
     return doubts

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, gap map, loops, posterior; sizes, shapes and stiffness trials."""
+"""Figures of a diagnosis: waterfall, gap map, loops, posterior; shapes and stiffness trials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from diagnosis.answer.headline import for_people, hypothesis_name
+from diagnosis.answer.headline import hypothesis_name
 from diagnosis.answer.result import Diagnosis, Ranked, Waterfall
 from diagnosis.any_model.answer import Ranked as OfAnyModel
 from diagnosis.data.levels import levels
@@ -275,59 +275,6 @@ def _curve(
     nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
     means = [_mean(gap[nearest == i]) for i in range(len(levels))]
     axis.plot(levels / pascal, means, f".{style}", color=colour, lw=1.2, ms=4, label=label)
-
-
-FACTOR = "times"
-"""Unit in which a person reads a logarithm."""
-
-
-def sizes(found: Sequence[Mapping[str, Any]], folder: Path, words: Words) -> list[Path]:
-    """Density of each parameter of the named effects, cut at its physical bounds: over the possible range, and close up."""
-    return [path for k, size in enumerate(found) for path in _panels(size, folder, k, words)]
-
-
-def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) -> list[Path]:
-    """Draw the density of one parameter twice: over its possible range, and over four standard deviations."""
-    one, unit = for_people(1.0, size["unit"], words)
-    factor = 1.0 if unit == FACTOR else one  # logarithms stay, with the unit of the factor
-    size = {key: factor * value if isinstance(value, float) else value for key, value in size.items()}
-    mean, sd = size["mean"], max(size["sd"], 1e-300)
-    ends = [x for x in (size["low"], size["high"], 0.0, size["median"]) if x is not None]
-    pad = 0.04 * (max(ends) - min(ends))
-    near = min(mean - 4 * sd, size["low90"]), max(mean + 4 * sd, size["high90"])
-    shown = np.exp if unit == FACTOR else lambda x: x
-    parts = {
-        folder / f"size-{number}-wide.svg": (f"{size['name']}{unit and ', '}{unit}", min(ends) - pad, max(ends) + pad),
-        folder / f"size-{number}-close.svg": (f"90 %: {shown(size['low90']):.3g} .. {shown(size['high90']):.3g}", *near),
-    }
-    for path, (title, low, high) in parts.items():
-        with drawing(path, (3.8, 1.75), style={"axes.titlesize": 9}) as (_, axis):
-            _density(axis, size, low, high)
-            axis.set_title(title)
-            axis.xaxis.set_major_formatter(lambda x, _: f"{shown(x):.3g}")
-    return list(parts)
-
-
-def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float) -> None:
-    """Draw the normal density of a size, its mode within the bounds scaled to 1: dotted beyond them, 90 % interval shaded."""
-    mean, sd = size["mean"], max(size["sd"], 1e-300)
-    low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
-    x = np.unique(
-        np.concatenate([np.linspace(lowest, highest, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), lowest, highest)])
-    )
-    possible = (x >= low) & (x <= high)
-    mode = -0.5 * ((float(np.clip(mean, low, high)) - mean) / sd) ** 2  # logarithm of the density there
-    y = np.exp(np.minimum(-0.5 * ((x - mean) / sd) ** 2 - mode, 0.3))  # the impossible part may leave the panel
-    axis.plot(x, np.where(possible, np.nan, y), ":", color=GREY, lw=1)
-    axis.plot(x, np.where(possible, y, np.nan), color=BLUE)
-    shown = possible & (x >= size["low90"]) & (x <= size["high90"])
-    axis.fill_between(x, 0, np.where(shown, y, 0.0), where=shown, color=BLUE, alpha=0.2, lw=0)
-    axis.axvline(0.0, color="0.3", lw=0.8)
-    axis.axvline(size["median"], color=BLUE, lw=0.8, ls="--")
-    for bound in (low, high):
-        if np.isfinite(bound):
-            axis.axvline(bound, color=RED, lw=1.6)
-    axis.set(xlim=(lowest, highest), ylim=(0, 1.25), yticks=[])
 
 
 MODELS = {"calibrated": (GREY, "--", "s"), "explained": (BLUE, "-", "D")}

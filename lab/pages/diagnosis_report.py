@@ -69,7 +69,7 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
         if against := d.texts("warning", "note"):
             report.section("What speaks against the answer").text(*(line[:1].upper() + line[1:] for line in against))
         if d.detail["sizes"]:
-            _sizes(report.section("How large the cause is", folded=True), d, folder)
+            _sizes(report.section("How large the cause is", folded=True), d)
         factors = f"{'spine length, ' if spine else ''}{d.words.pressure}, branch and time"
         _by_factor(report.section(f"The gap by {factors}", folded=True), d, spine)
         if "stiffness" in d.detail:
@@ -315,15 +315,9 @@ def _misfit(s: PageSection, d: Diagnosis) -> None:
     s.table(("misfit diagnostic", "value"), rows)
 
 
-def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
-    """Write the size of what is named, as densities and numbers, and the push of each actuator against the mean."""
-    sizes = d.detail["sizes"]
-    s.figure(
-        draw.sizes([{**x, "name": plain_name(x["name"], d.names)} for x in sizes], folder, d.words),
-        "Size of the named cause, in-sample: posterior linearised at the fit, cut at the physical bounds (red); dashed: median; "
-        "90 % shaded. Left: the physically possible range; right: enlarged",
-    )
-    s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in sizes])
+def _sizes(s: PageSection, d: Diagnosis) -> None:
+    """Write the size of what is named as numbers, and the push of each actuator against the mean."""
+    s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in d.detail["sizes"]])
     for each in d.detail["by_actuator"]:
         mean = float(np.mean(each["factor"]))
         rows = [[str(k), f"{100 * (f / mean - 1):+.0f} %"] for k, f in enumerate(each["factor"], 1)]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from ..errors import NotSettled, TooFewSamples
 from ..trials import TrialRow
-from .averaging import along_push
+from .averaging import along_push, mean
 from .buffer import Streams
 
 TOLERATED = 0.1
@@ -73,20 +73,18 @@ def unloaded(streams: Streams, direction: Sequence[float], span: Span) -> Unload
     n = len(force)
     if n < 2 or not len(arm):
         raise TooFewSamples(f"{n} samples of /force and {len(arm)} of /arm from {t0:.2f} to {t1:.2f} s for a zero")
-    values = along_push(direction, force["raw"], arm["tcp_pose"]).tolist()
-    if not all(map(math.isfinite, values)):
+    along = along_push(direction, force["raw"], arm["tcp_pose"])
+    if not all(map(math.isfinite, along.tolist())):
         raise NotSettled(f"/force: raw is not a number from {t0:.2f} to {t1:.2f} s; check the sensor and its connection")
-    mean = math.fsum(values) / n
-    error = math.sqrt(math.fsum((x - mean) ** 2 for x in values) / (n - 1) / n)
-    return Unloaded(math.fsum(force["t"].tolist()) / n, mean, error)
+    read = mean(force["t"], along)
+    return Unloaded(math.fsum(force["t"].tolist()) / n, read.value, read.sd / math.sqrt(n))
 
 
 def drift(before: Unloaded, start: Unloaded, end: Unloaded) -> Drift:
     """How the zero moved from `start` to `end`, and whether at the pace at which it moved before."""
-    span_before, span_trial = start.t - before.t, end.t - start.t
+    span_before, span_trial, force = start.t - before.t, end.t - start.t, end.force - start.force
     if not (span_before > 0 and span_trial > 0):
-        return Drift(end.force - start.force, 0.0, False)
-    force = end.force - start.force
+        return Drift(force, 0.0, False)
     rate = force / span_trial
     rate_change = (start.force - before.force) / span_before - rate
     error = math.hypot(before.error / span_before, end.error / span_trial, start.error * (1 / span_before + 1 / span_trial))

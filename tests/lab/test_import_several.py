@@ -175,6 +175,21 @@ def test_a_row_in_which_a_marker_jumps_and_comes_back_is_left_out_of_its_state(t
     assert any("a.csv, line 29: a marker jumps within a state" in n and " and 0 states are left out" in n for n in made.notes)
 
 
+@pytest.mark.parametrize(
+    ("name", "of_time", "left"),
+    [("t [s]", lambda t: t, STATES), ("trial", lambda t: t // 20, STATES), ("repeat", lambda t: t % 8, 2 * STATES),
+     ("x", lambda t: 1.0, 2 * STATES)],
+)  # fmt: skip
+def test_copies_are_left_out_where_time_or_trial_tells_them_from_repeats(
+    name: str, of_time: Any, left: int, tmp_path: Path
+) -> None:
+    rows, columns = [[of_time(t), *rest] for t, *rest in FEW], {n: c for n, c in COLUMNS.items() if n != "t"}
+    content = text(rows + rows, headings=[name, *NAMES[1:]], change=with_middle)
+    made = read_all(tmp_path, {"a.csv": content}, columns=plain(**columns))
+    said = f"a.csv: line 32 to line 61 repeat line 2 to line 31 in every cell, {name!r} included: 30 rows are left out"
+    assert len(made.table) == left and (said in made.notes) == (left == STATES)
+
+
 # ------------------------------------------------------------------ several files
 def test_columns_may_differ_from_file_to_file(tmp_path: Path) -> None:
     other = [n.replace("p2 [kPa]", "regulator 2 [bar]").replace("tip", "Spitze") for n in NAMES]

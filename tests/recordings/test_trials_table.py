@@ -136,3 +136,11 @@ def test_a_protocol_that_is_nearly_a_known_one_is_asked_about(protocol: str, ask
     )
     said = " ".join(read_csv(path).warnings)
     assert (f"did you mean '{asked}'" in said) if asked else ("did you mean" not in said)
+
+
+def test_rows_that_are_equal_in_every_cell_count_once_and_those_with_other_readings_do_not(tmp_path: Path) -> None:
+    again = [replace(ROW, t=20.0), replace(ROW, tip=(0.1, -0.02, 0.37))]
+    back = read_csv(written(tmp_path, ROW, PUSH, *again, ROW, PUSH)[0])
+    assert back.rows == (ROW, PUSH, *again)
+    (said,) = back.warnings
+    assert said == "trial 1 step 1 appears more than once (such rows: 4; of these equal in every cell, and left out: 2)"
