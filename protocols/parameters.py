@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -28,6 +28,8 @@ class Parameters(BaseModel):
     """A table of protocol parameters: no unknown keys, no NaN, unchangeable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+    renamed: ClassVar[Mapping[str, str]] = {}
+    """Keys under their earlier names, which files may still have -> the names they have now."""
 
     @classmethod
     def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:

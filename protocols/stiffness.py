@@ -9,10 +9,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -34,6 +34,7 @@ class Stiffness(Probing):
 
     specimen: Literal["spine", "body"] = "spine"
     """What is pushed: the bare spine, or the robot's body."""
+    renamed: ClassVar[Mapping[str, str]] = {"lengths": "spine_lengths"}
     spine_lengths: list[SpineLength] = Field(
         [0.05, 0.10, 0.15, 0.20, 0.25, 0.30], min_length=1, max_length=200, json_schema_extra={"unit": "m"}
     )

@@ -46,7 +46,7 @@ from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 from ..console import Screen, clock, err, note, out, warn
 from ..files.all_protocols import file_of, found_protocols, protocol_from_file, protocol_keys
 from ..files.checked import announce, last, place
-from ..files.config import ConfigError, Source, check, parse_yaml, read_yaml
+from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
 from ..files.resume import Broken, find
@@ -122,8 +122,9 @@ def protocol_plan(source: Source, facts: RobotFacts, of_file: Experiment | None 
 
     `facts`: what is known of the robot; `of_file`: a protocol of Python."""
     experiment = _experiment(source, of_file)
-    values = {**_defaults(experiment, facts), **{k: v for k, v in source.table.items() if k != "protocol"}}
-    parameters = check(Source(source.name, values, source.lines), experiment.parameters)
+    values, lines = _by_new_names({k: v for k, v in source.table.items() if k != "protocol"}, source, experiment)
+    values = {**_defaults(experiment, facts), **values}
+    parameters = check(Source(source.name, values, lines), experiment.parameters)
     plan = _planned(experiment, parameters)
     if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
         raise ConfigError(
@@ -132,6 +133,17 @@ def protocol_plan(source: Source, facts: RobotFacts, of_file: Experiment | None 
             placed=True,
         )
     return experiment, parameters, plan
+
+
+def _by_new_names(values: dict[str, Any], source: Source, experiment: Experiment) -> tuple[dict[str, Any], Lines]:
+    """Values and lines with renamed keys under their new names; each is named in a note."""
+    renamed, lines = dict(values), dict(source.lines)
+    for old, new in experiment.parameters.renamed.items():
+        if old in renamed and new not in renamed:
+            renamed[new] = renamed.pop(old)
+            lines |= {(new, *loc[1:]): line for loc, line in source.lines.items() if loc[:1] == (old,)}
+            note([f"{source.at((old,))}: {old} is called {new} now; write {new}"])
+    return renamed, lines
 
 
 OF_SPINE = ("spine", "valve", "gauge")

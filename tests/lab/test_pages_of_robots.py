@@ -175,7 +175,7 @@ def test_stiffness_trials_alone_make_a_page_of_what_they_show(tmp_path: Path, cl
     text, told = page.read_text(), json.loads(answer.read_text())
     assert told["locate"]["of"] == "deflection" and told["attribute"]["effects"] == ["force_bias"]
     assert re.findall(r"<h2>([^<]+)</h2>", text) == OF_PUSHES
-    assert text.count("<figure>") == 4
+    assert text.count("<figure>") == 3
     assert "Error of the deflection, mm rms" in text and "Tip error" not in text
 
 
