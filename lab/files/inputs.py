@@ -27,7 +27,7 @@ from recordings.trials import Mapped, Table
 from ..console import note
 from ..plain import typed
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
-from .jumps import without_contradicted, without_strays
+from .jumps import believed, without_contradicted
 from .robot_numbers import doubts
 
 CASE = ("robot.yaml", "trials.csv")
@@ -112,7 +112,7 @@ def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, r
 
     asked, used = list[str](), list[Table]()
     for file, table in parts:
-        table = without_strays(without_contradicted(table, robot) if table.mapped is None else table, robot)
+        table = believed(without_contradicted(table, robot) if table.mapped is None else table, robot)
         reading = read(robot, table)
         if reading.refused:
             raise ConfigError("\n".join(f"{file}: {text}" for text in reading.refused))

@@ -1,5 +1,8 @@
-"""Find points that jump: between neighbouring states a place moves as the pressures do. One that moves much farther than such
-changes of pressure have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved.
+"""Find readings that the other states of a table contradict.
+
+A point jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of
+pressure have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved. A place is
+far from its repeats. States repeat earlier ones to the last digit, as no reading does.
 """
 
 from __future__ import annotations
@@ -45,6 +48,8 @@ AGAINST = 2
 TIMES_SCATTER, STRAY, FEW = 10.0, 0.05, 0.025
 """Times the usual distance of a place from the middle of its repeats, and robot lengths, beyond which it is none of them; the
 share of all states up to which such a place is a mistake: what lasts for a trial, such as a slip of the mount, makes more."""
+COPIED = 6
+"""States in a row that repeat earlier ones to the last digit before they are copies: readings in whole mm may do so by chance."""
 BODIES = ("the tip", *(f"marker {k}" for k in range(1, 100)))
 
 
@@ -167,9 +172,31 @@ def without_contradicted(table: Table, robot: Robot) -> Table:
     return _left_out(table, {(int(rows[j.state]), j.body): j.text(robot.actuators.words) for j in found})
 
 
-def without_strays(table: Table, robot: Robot) -> Table:
-    """A table without the places far from their repeats, each with a warning."""
-    return _left_out(table, dict(strays(table, robot.length)) if table.with_tip.any() else {})
+def believed(table: Table, robot: Robot) -> Table:
+    """A table without states that are copies and places far from their repeats, with a warning for each block and place."""
+    if not table.with_tip.any():
+        return table
+    kept, said = np.ones(len(table), bool), list(table.warnings)
+    for rows, of in copies(table):
+        kept[rows] = False
+        block, earlier = (f"{table.place(each[0])} to {table.place(each[-1])}" for each in (rows, of))
+        said.append(f"{block} repeat {earlier} to the last digit, as copies do and readings do not: left out")
+    table = replace(table.take(kept), warnings=tuple(said))
+    return _left_out(table, dict(strays(table, robot.length)))
+
+
+def copies(table: Table) -> Iterator[tuple[Ints, Ints]]:
+    """Rows (k,) of states, and those of the earlier states whose pressures and places they repeat to the last digit, at least
+    `COPIED` of both in a row. None where all repeats are alike, as in a simulated table."""
+    every = np.arange(len(table))
+    own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
+    read = np.column_stack([own.tip, own.trials.pressures, own.spine_length, own.trials.markers.reshape(len(own), -1)])
+    _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
+    state, earlier = np.arange(len(own)), first[group.ravel()]
+    blocks = np.split(state, np.flatnonzero(np.diff(state - earlier)) + 1)
+    scatters = len(np.unique(own.condition[first])) < len(first)
+    for rows in (b for b in blocks if scatters and b.size >= COPIED and earlier[b[0]] != b[0]):
+        yield own.row[rows], own.row[earlier[rows]]
 
 
 def _left_out(table: Table, said: Mapping[tuple[int, int], str]) -> Table:

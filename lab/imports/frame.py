@@ -19,7 +19,7 @@ from ..files.config import ConfigError, Source, check
 from ..files.jumps import without_contradicted
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
-from .joining import of_rows_in_turn, without_copies
+from .joining import of_rows_in_turn
 from .map_file import Column, Own, map_of
 from .quantities import File, in_si, quantities_of, translated
 from .series import CALL, FRAME, Series, name_of
@@ -49,7 +49,6 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
         return _as_it_is(series, check(Source(CALL, {"columns": entries}, {}), Own).columns, robot)
     series = of_rows_in_turn(series, missing)
     wanted = map_of(Source(CALL, _as_map({**keys, "columns": columns}, entries), {}), robot.actuators.words)
-    series = without_copies(series, wanted)
     quantities = quantities_of(series, wanted, robot.actuators.words)
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*result.table.warnings, *result.notes, *result.questions)

@@ -28,8 +28,6 @@ AGE = 1.5
 """Periods of a stream that its nearest reading may be old."""
 MOST_STREAMS = 20
 """Groups of columns that take turns."""
-COUNTING = {"t", "trial", "repeat", "step"}
-"""Columns of trials.csv that tell a repeat from a copy."""
 OWN_ROWS, TOGETHER, TURNS = 0.8, 0.2, 0.2
 """Share of rows up to which a column is one of a stream, share of the smaller one's rows that two streams have in common at most,
 and least share of rows with which the stream changes where they take turns."""
@@ -374,36 +372,6 @@ def _in_turn(series: Series) -> Iterator[tuple[Ints, list[str]]]:
     if sum(a != b for a, b in pairwise(turns.tolist())) < TURNS * len(turns) or len(turns) < OWN_ROWS * len(series):
         return
     yield from ((np.flatnonzero(mask), names) for mask, names in masks)
-
-
-# ------------------------------------------------------------------ copies
-def without_copies(series: Series, wanted: Map) -> Series:
-    """The same without lines that equal an earlier one in every cell, noted, where times or numbers of trials, repeats or steps
-    tell copies from repeats: these, once they have changed, come again in copies alone."""
-    mapped, headings = {c.column for name, c in wanted.columns.items() if name in COUNTING}, map(heading, series.names)
-    names = [h.name for k, h in enumerate(headings, 1) if {h.name, k} & mapped or {quantity(h), own_column(h)} & COUNTING]
-    if not names:
-        return series
-    key = _alike(series, names)
-    stretch = np.cumsum(np.diff(key, prepend=-1) != 0)
-    if stretch[-1] == len(np.unique(key)):
-        return series
-    alike = _alike(series, series.names)
-    kept, copies = (np.flatnonzero((stretch == stretch[alike]) == of) for of in (True, False))
-    if len(np.unique(stretch[kept])) > len(np.unique(key)):
-        return series
-    first, last, *of = (series.place(int(row)) for row in (*copies[[0, -1]], *alike[copies[[0, -1]]]))
-    note = f"{first} to {last} repeat {' to '.join(of)} in every cell, {listed(names)} included: {len(copies)} rows are left out"
-    absent = {n: (count, int(np.searchsorted(kept, row)), word) for n, (count, row, word) in series.absent.items()}
-    return replace(_part(series, kept, series.names), absent=absent, notes=(*series.notes, note))
-
-
-def _alike(series: Series, names: Sequence[str]) -> Ints:
-    """(n,) the first row that equals each row in these columns."""
-    import pandas as pd
-
-    group = pd.DataFrame({n: series.columns[n] for n in names}).groupby([*names], sort=False, dropna=False).ngroup().to_numpy()
-    return np.unique(group, return_index=True)[1][group]
 
 
 # ------------------------------------------------------------------ whether clocks agree

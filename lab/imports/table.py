@@ -34,7 +34,7 @@ from ..files.jumps import Jump, at_rest, jumps, loads, notable, without
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
-from .joining import in_time, lag, without_copies
+from .joining import in_time, lag
 from .map_file import Map, Name, named, units_for
 from .places import at_rest_by_model, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
@@ -141,7 +141,7 @@ def _read(
     for number, (parts, own_map) in enumerate(files):
         progress(number, len(files))
         try:
-            series = without_copies(read(parts, own_map.source, named(own_map)), own_map)
+            series = read(parts, own_map.source, named(own_map))
         except ConfigError as e:
             if set(parts) & set(given) or wanted.files:  # asked for by name
                 raise

@@ -14,6 +14,7 @@ from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load, read_yaml
+from ..files.jumps import believed
 from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
@@ -43,7 +44,8 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     reading = judged(robot, result.table)
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
-    result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
+    not_believed = believed(replace(result.table, warnings=()), robot).warnings
+    result = replace(result, notes=(*result.notes, *not_believed, *doubts(robot, result.table, str(robot_path)), *reading.asked))
     with whole(folder, OWN, replace_all, inputs) as (place, word):
         copied(robot_path, place / "robot.yaml")
         copied(map_path, place / MAP)

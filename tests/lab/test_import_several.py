@@ -1,6 +1,7 @@
 """Several files, columns that differ among them, contradicting units, exchanged markers: asked about, never guessed."""
 
 import shutil
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -175,19 +176,16 @@ def test_a_row_in_which_a_marker_jumps_and_comes_back_is_left_out_of_its_state(t
     assert any("a.csv, line 29: a marker jumps within a state" in n and " and 0 states are left out" in n for n in made.notes)
 
 
-@pytest.mark.parametrize(
-    ("name", "of_time", "left"),
-    [("t [s]", lambda t: t, STATES), ("trial", lambda t: t // 20, STATES), ("repeat", lambda t: t % 8, 2 * STATES),
-     ("x", lambda t: 1.0, 2 * STATES)],
-)  # fmt: skip
-def test_copies_are_left_out_where_time_or_trial_tells_them_from_repeats(
-    name: str, of_time: Any, left: int, tmp_path: Path
-) -> None:
-    rows, columns = [[of_time(t), *rest] for t, *rest in FEW], {n: c for n, c in COLUMNS.items() if n != "t"}
-    content = text(rows + rows, headings=[name, *NAMES[1:]], change=with_middle)
-    made = read_all(tmp_path, {"a.csv": content}, columns=plain(**columns))
-    said = f"a.csv: line 32 to line 61 repeat line 2 to line 31 in every cell, {name!r} included: 30 rows are left out"
-    assert len(made.table) == left and (said in made.notes) == (left == STATES)
+@pytest.mark.parametrize("scatters", [True, False])
+def test_copies_count_once_and_repeats_that_nothing_scatters_are_none(scatters: bool, tmp_path: Path) -> None:
+    table = read_all(tmp_path, {"a.csv": WHOLE}).table
+    digits = dict.fromkeys(("x", "y", "z", "m1x", "m1y", "m1z"), 3) | dict.fromkeys(("p1", "p2", "p3"), -3)
+    noise = np.random.default_rng(1).normal(0.0, 3e-4, STATES)
+    table = table.replaced({"x": table["x"] + noise} if scatters else {n: np.round(table[n], k) for n, k in digits.items()})
+    with warnings.catch_warnings(record=True) as said:
+        read = lab.case(Table.joined([replace(table, warnings=())] * 2).to_pandas(), ROBOT).table
+    assert len(read) == (1 if scatters else 2) * STATES
+    assert any("repeat trial 1 step 1 to trial 6 step 5 to the last digit" in str(w.message) for w in said) == scatters
 
 
 # ------------------------------------------------------------------ several files
