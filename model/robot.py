@@ -183,8 +183,8 @@ class Robot(Shown, FileTable):
     area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m", "uncertainty": "area_factor"})
     """Effective over drawn area of a chamber, one number or by spine length; of tendons the share of the tension that arrives."""
     thrust: Literal["cap", "walls"] | None = None
-    """What takes the chambers' thrust: the cap where the farthest end, whose turn it follows, or the side walls, which carry that
-    of any that end more than an outer radius before. Unless stated, a diagnosis settles it."""
+    """What takes the chambers' thrust: a cap where the longest chamber ends, or the side walls, which always carry that of
+    chambers ending more than an outer radius before. Unless stated, a diagnosis settles it."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     """Arc lengths of the markers, which lie on the body's axis."""
