@@ -18,7 +18,7 @@ from diagnosis.data.levels import REST
 from model.actuators import Words
 from model.arrays import Array
 from model.plain_yaml import FileTable
-from recordings.trials import AXES, TEXTS, Axis, Mapped, column_order, unit_of
+from recordings.trials import AXES, NO_MOUNT, TEXTS, Axis, Mapped, column_order, unit_of
 
 from ..files.config import ConfigError, check, in_si
 from ..files.config import Source as Parsed
@@ -95,7 +95,7 @@ class Orientation(FileTable):
     """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic)."""
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""
-    mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
+    mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = NO_MOUNT
     """Inverse of its reading on the straight robot, along the base's axes: w, x, y, z. Of a body defined while the robot hung at
     rest: `lab.predict(robot, [0, 0, 0]).orientation`."""
 
@@ -298,6 +298,13 @@ class Map(FileTable):
         if wrong:
             raise ValueError("; ".join(wrong))
         return self
+
+    @property
+    def mount(self) -> tuple[float, ...] | None:
+        """(4,) of all files; None where they differ."""
+        of_files = [own.orientation for own in self.files.values() if own.orientation is not None]
+        stated = {o.mount for o in (self.orientation, *of_files) if o is not None} or {NO_MOUNT}
+        return stated.pop() if len(stated) == 1 else None
 
     def wrong_places(self) -> list[str]:
         """What is wrong with tip, orientation and trials."""
