@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, model_validator
 
 from diagnosis.data.levels import REST
 from model.actuators import Words
@@ -55,6 +55,13 @@ class Source(FileTable):
     """Whose times count in a recording (default: the tip's)."""
 
 
+def _as_texts(given: object) -> object:
+    """A mapping with its numbers as texts."""
+    if not isinstance(given, Mapping):
+        return given
+    return dict([f"{v:.17g}" if isinstance(v, int | float) else v for v in pair] for pair in given.items())
+
+
 class Column(FileTable):
     """Where a column of trials.csv comes from: (value - zero) * scale, from its unit to SI."""
 
@@ -66,8 +73,8 @@ class Column(FileTable):
     """A factor of the sensor's own."""
     zero: Literal["none", "first", "absolute"] | FiniteFloat = "none"
     """Subtracted: nothing, the first row, the atmosphere, or a number in the column's unit (of x, y, z also from `points`)."""
-    values: dict[str, str] = {}
-    """The file's word -> that of trials.csv."""
+    values: Annotated[dict[str, str], BeforeValidator(_as_texts)] = {}
+    """The file's word -> that, or the number, of trials.csv: `{A: 1, B: 2}`."""
 
     @model_validator(mode="before")
     @classmethod
