@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from model.robot import Robot
+from model.rotation import multiply
 from recordings.trials import AXES, Mapped, Table, pressure_columns
 
 from .arrays import Array
@@ -52,12 +53,15 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
     return ", and ".join(ways)
 
 
-def of_mount(turn: str, mapped: Mapped | None) -> str:
+def of_mount(turn: Array, mapped: Mapped | None) -> str:
     """Say what turns each attitude from the right by a quaternion [w, x, y, z] along the base's axes."""
     if mapped is None:
-        return f"multiply each quaternion from the right by {turn}"
+        return f"multiply each quaternion from the right by {listed(turn, 3)}"
     where = f"under orientation in {'lab.case' if mapped.call else 'map.yaml'}"
-    return f"write `mount: {turn}` {where} (times, from its right, where it has a mount)"
+    if mapped.mount is None:
+        return f"multiply each `mount` {where} from the right by {listed(turn, 3)}"
+    made = multiply(np.array(mapped.mount), turn)
+    return f"write `mount: {listed(made / np.linalg.norm(made), 3)}` {where}"
 
 
 def of_origin(mapped: Mapped | None) -> str:

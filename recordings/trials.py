@@ -247,17 +247,23 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
     return tuple(cells[name] for name in names) if names[0] in cells else None
 
 
+NO_MOUNT = (1.0, 0.0, 0.0, 0.0)
+"""w, x, y, z of a tracked body that is mounted along the base's axes."""
+
+
 @dataclass(frozen=True)
 class Mapped:
     """How columns of another program became those of a table: the axis of the file for each axis of the base, the readings from
     which points were moved to the model (`straight`), whether keys of lab.case state it (else map.yaml), column of the table and
-    its heading in the file, of those that are known, and the unit of p1 .., empty where nothing says it, so that it is Pa."""
+    its heading in the file, of those that are known, the unit of p1 .., empty where nothing says it, so that it is Pa, and the
+    turn (w, x, y, z) of the tracked body in its mount, along the base's axes, None of files with several."""
 
     frame: tuple[Axis, ...] = ("x", "y", "z")
     straight: str = "as recorded"
     call: bool = False
     headings: tuple[tuple[str, str], ...] = ()
     unit: str | None = None
+    mount: tuple[float, ...] | None = NO_MOUNT
 
     @property
     def axes(self) -> NDArray[np.float64]:

@@ -280,7 +280,7 @@ def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:
     turn, trials = theta[own], p.states.trials
     angle = float(np.linalg.norm(turn))
     if (np.abs(turn) > p.problem.parameters.sd[own]).any() and not trials.moved_to_model:
-        deg, remedy = float(np.degrees(angle)), of_mount(listed(from_vector(-turn), 4), trials.mapped)
+        deg, remedy = float(np.degrees(angle)), of_mount(from_vector(-turn), trials.mapped)
         yield finding("tracked_turn", deg=deg, about=listed(turn / angle), remedy=remedy)
 
 

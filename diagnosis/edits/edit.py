@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from model.robot import Robot
-from model.rotation import from_vector, multiply, to_base
-from recordings.trials import ORIENTATION, TIP, Table, marker_columns, pressure_columns
+from model.rotation import CONJUGATE, from_vector, multiply, to_base
+from recordings.trials import NO_MOUNT, ORIENTATION, TIP, Table, marker_columns, pressure_columns
 
 from ..arrays import Array, Ints
 from ..data.campaign import tip_masses, tip_moments
@@ -105,6 +105,16 @@ class Variants:
             markers=to_base(q[:, :, None], self.markers) * signs,
             orientation=orientation * np.array([1.0, *signs * np.prod(signs)]),
         )
+
+    def framed(self, turn: Array) -> Variants:
+        """As turned by another `frame` in map.yaml, q (v, 4): the mount m there is along the base's axes, orientations o become
+        q o m^-1 q^-1 m; without a map q o."""
+        made, mapped = self.turned(turn), self.table.mapped
+        if mapped is None or mapped.mount is None:
+            return made
+        mount = np.array(NO_MOUNT if self.table.moved_to_model else mapped.mount) / np.linalg.norm(mapped.mount)
+        back = multiply(multiply(mount * CONJUGATE, turn * CONJUGATE), mount)
+        return replace(made, orientation=multiply(made.orientation, back[:, None]))
 
     def with_gravity_turned(self, turn: Array) -> Variants:
         """Gravity turned in the base frame by quaternions (v, 4)."""

@@ -187,11 +187,11 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
             sign = np.array([1.0, 1.0, handed])
             quaternion = scipy.spatial.transform.Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
             kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
-            turned = partial(lambda q, s, v, own: v.turned(q[None], s), quaternion, sign)
+            turned = partial(lambda q, s, v, own: v.framed(q[None]) if s[2] > 0 else v.turned(q[None], s), quaternion, sign)
             yield Edit(kind, prior, axes_say(axes, mapped), turned)
     start = tuple(turn.inv().as_rotvec().tolist())
     bounds = ((-4.0, 4.0),) * 3  # rad
-    yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.turned(from_vector(-own)), (start,), bounds)
+    yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.framed(from_vector(-own)), (start,), bounds)
     for unit, wrong in permutations(METRES, 2):
         factor = METRES[unit] / METRES[wrong]
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
@@ -268,7 +268,7 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
     ways = dict(_attitudes(mapped))
     best, askew = max(ways, key=lambda remedy: round(agrees(ways[remedy]), 3)), partial(_framed, NO_TURN, mount)
     if agrees(askew) > agrees(ways[best]) + ASKEW:
-        ways[best := remedies.of_mount(listed(mount, 3), mapped)] = askew
+        ways[best := remedies.of_mount(mount, mapped)] = askew
     says = stating("attitudes_elsewhere", "the tip's orientation", remedy=best)
     yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=ways[best](v.orientation)))
 
@@ -280,9 +280,9 @@ def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], A
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     of_axes = (turns := scipy.spatial.transform.Rotation.create_group("O")), base.inv() * turns * base
     for turn, of_file in zip(*(q.as_quat(canonical=True, scalar_first=True) for q in of_axes), strict=True):
-        left, right, mount = (listed(q, 3) for q in (of_file, of_file * CONJUGATE, turn))
+        left, right = (listed(q, 3) for q in (of_file, of_file * CONJUGATE))
         yield f"multiply each quaternion from the left by {left}", partial(_framed, turn, NO_TURN)
-        yield remedies.of_mount(mount, mapped), partial(_framed, NO_TURN, turn)
+        yield remedies.of_mount(turn, mapped), partial(_framed, NO_TURN, turn)
         both = f"multiply each quaternion from the left by {left} and from the right by {right}"
         yield both, partial(_framed, turn, turn * CONJUGATE)
 

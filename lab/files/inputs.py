@@ -22,7 +22,7 @@ from recordings.file.reader import Recording
 from recordings.file.recover import RECOVERED
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
-from recordings.trials import Mapped, Table
+from recordings.trials import NO_MOUNT, Mapped, Table
 
 from ..console import note
 from ..plain import typed
@@ -100,8 +100,12 @@ def _mapped(path: Path) -> Mapped | None:
         first, *others = {of.get("unit") for name, of in given.items() if name[0] == "p"} or {None}
         axes = tuple((*map(float, a),) if isinstance(a := frame[axis], list) else str(a) for axis in "xyz")
         straight = str(stated.get("straight", Mapped.straight))
-        mapped = Mapped(axes, straight, headings=columns, unit=None if others else first)  # type: ignore[arg-type]
-        return mapped if mapped.axes.shape == (3, 3) else None
+        turned = [own["orientation"] for own in (stated, *(stated.get("files") or {}).values()) if own.get("orientation")]
+        first_mount, *other_mounts = {tuple(map(float, of.get("mount", NO_MOUNT))) for of in turned} or {NO_MOUNT}
+        unit, mount = None if others else first, None if other_mounts else first_mount
+        mapped = Mapped(axes, straight, headings=columns, unit=unit, mount=mount)  # type: ignore[arg-type]
+        is_turn = mount is None or (len(mount) == 4 and any(mount))
+        return mapped if mapped.axes.shape == (3, 3) and is_turn else None
     except (ConfigError, TypeError, ValueError, AttributeError, LookupError):
         return None
 

@@ -32,7 +32,8 @@ EQUAL, MOSTLY = 1e-6, 0.5
 
 def doubts(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
     """Return warnings about numbers of robot.yaml, read at `robot_name`, pressures above its limit, and those that never vary."""
-    return (*(f"{robot_name}: {text}" for text in doubtful_numbers(robot)), *_above(robot, table), *_dead(robot, table))
+    of_table = (text for judge in (_replaced, _above, _dead) for text in judge(robot, table))
+    return (*(f"{robot_name}: {text}" for text in doubtful_numbers(robot)), *of_table)
 
 
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
@@ -74,6 +75,17 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
             f"shear_modulus {sized(robot.shear_modulus, 'Pa')} with youngs_modulus {sized(robot.youngs_modulus, 'Pa')} means a "
             f"Poisson's ratio of {poisson:.2g}, outside 0 to 0.5: rubber has a third of its youngs_modulus, "
             f"{sized(float(f'{robot.youngs_modulus / 3:.4g}'), 'Pa')}"
+        )
+
+
+def _replaced(robot: Robot, table: Table) -> Iterator[str]:
+    """A warning if column tip_mass replaces a larger tip_mass of robot.yaml."""
+    masses = table.get("tip_mass")
+    if (masses < robot.tip_mass).any():
+        shown, least, most = (f"{1e3 * kg:.4g}" for kg in (robot.tip_mass, np.nanmin(masses), np.nanmax(masses)))
+        yield (
+            f"column tip_mass ({least} to {most} g) replaces the tip_mass of {shown} g of robot.yaml: does it include them? If "
+            f"not, add {shown} g to the column (in map.yaml by its `zero`)"
         )
 
 

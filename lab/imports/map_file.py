@@ -12,13 +12,13 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, model_validator
 
 from diagnosis.data.levels import REST
 from model.actuators import Words
 from model.arrays import Array
 from model.plain_yaml import FileTable
-from recordings.trials import AXES, TEXTS, Axis, Mapped, column_order, unit_of
+from recordings.trials import AXES, NO_MOUNT, TEXTS, Axis, Mapped, column_order, unit_of
 
 from ..files.config import ConfigError, check, in_si
 from ..files.config import Source as Parsed
@@ -55,6 +55,13 @@ class Source(FileTable):
     """Whose times count in a recording (default: the tip's)."""
 
 
+def _as_texts(given: object) -> object:
+    """A mapping with its numbers as texts."""
+    if not isinstance(given, Mapping):
+        return given
+    return dict([f"{v:.17g}" if isinstance(v, int | float) else v for v in pair] for pair in given.items())
+
+
 class Column(FileTable):
     """Where a column of trials.csv comes from: (value - zero) * scale, from its unit to SI."""
 
@@ -66,8 +73,8 @@ class Column(FileTable):
     """A factor of the sensor's own."""
     zero: Literal["none", "first", "absolute"] | FiniteFloat = "none"
     """Subtracted: nothing, the first row, the atmosphere, or a number in the column's unit (of x, y, z also from `points`)."""
-    values: dict[str, str] = {}
-    """The file's word -> that of trials.csv."""
+    values: Annotated[dict[str, str], BeforeValidator(_as_texts)] = {}
+    """The file's word -> that, or the number, of trials.csv: `{A: 1, B: 2}`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -95,7 +102,7 @@ class Orientation(FileTable):
     """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic)."""
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""
-    mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
+    mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = NO_MOUNT
     """Inverse of its reading on the straight robot, along the base's axes: w, x, y, z. Of a body defined while the robot hung at
     rest: `lab.predict(robot, [0, 0, 0]).orientation`."""
 
@@ -298,6 +305,13 @@ class Map(FileTable):
         if wrong:
             raise ValueError("; ".join(wrong))
         return self
+
+    @property
+    def mount(self) -> tuple[float, ...] | None:
+        """(4,) of all files; None where they differ."""
+        of_files = [own.orientation for own in self.files.values() if own.orientation is not None]
+        stated = {o.mount for o in (self.orientation, *of_files) if o is not None} or {NO_MOUNT}
+        return stated.pop() if len(stated) == 1 else None
 
     def wrong_places(self) -> list[str]:
         """What is wrong with tip, orientation and trials."""

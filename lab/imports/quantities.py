@@ -100,7 +100,8 @@ class File:
 
     def numbers(self, column: Column, name: str, place: str) -> tuple[Array, str]:
         """The numbers of a column as the file has them, and their unit."""
-        values, own = numbers(self.series, column.column, place), name_of(self.series, column.column, place)
+        own = name_of(self.series, column.column, place)
+        values = _of_words(self.series, name, column) if column.values else numbers(self.series, own, place)
         self.note_absent(own, place)
         unit = column.unit or unit_in(self.series, own, units_for(name, self.drive), place)
         self.factors[place] = factor(unit, name, self.drive, f"{place}.unit")
@@ -220,7 +221,7 @@ def translated(series: Series, name: str, column: Column, missing: Sequence[str 
     """(n,) words of a column of trials.csv, translated by the map; empty where missing. Raises ConfigError."""
     place = f"columns.{name}"
     own = name_of(series, column.column, place)
-    cells = series.words.get(own)
+    cells = series.strange[own].column if column.values and own in series.strange else series.words.get(own)
     if cells is None:
         cells = np.array([f"{v:g}" if np.isfinite(v) else "" for v in numbers(series, own, place)], np.str_)
     meaning = {w: column.values.get(w, "" if is_missing(w, missing) else w) for w in dict.fromkeys(cells.tolist())}
@@ -233,6 +234,14 @@ def translated(series: Series, name: str, column: Column, missing: Sequence[str 
                 f"does not translate; add {word[:40]!r}: {allowed[0]} (or another of {', '.join(dict.fromkeys(allowed))})"
             )
     return np.array([meaning[w] for w in cells.tolist()], np.str_)
+
+
+def _of_words(series: Series, name: str, column: Column) -> Array:
+    """(n,) numbers that the map gives for the words of a column; NaN where missing. Raises ConfigError."""
+    try:
+        return np.array([float(word or "nan") for word in translated(series, name, column, ()).tolist()])
+    except ValueError as e:
+        raise ConfigError(f"columns.{name}.values: {e}: write numbers, as in `values: {{A: 1, B: 2}}`") from e
 
 
 def _counts(series: Series, wanted: Map) -> dict[tuple[str, str], NDArray[np.str_]]:

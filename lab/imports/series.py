@@ -23,7 +23,7 @@ from recordings.file.budget import OPTION, lifted
 from recordings.trials import REQUIRED, unit_of
 
 from ..files.config import ConfigError
-from .columns import Judged, Strange, is_missing, without_fillers
+from .columns import MOST_WORDS, Judged, Strange, is_missing, without_fillers
 from .headings import heading, unit_named
 from .map_file import Name
 
@@ -232,10 +232,13 @@ def numbers(series: Series, name: Name, place: str) -> Array:
         )
     if head in series.words:
         texts = series.words[head]
-        row = int(np.argmax(texts != ""))
+        row, every = int(np.argmax(texts != "")), list(dict.fromkeys(filter(None, texts.tolist())))
+        few = [f"{word[:40]}: {k}" for k, word in enumerate(every[:MOST_WORDS], 1)]
+        pairs = ", ".join([*few, *[".."] * (len(few) < len(every))])
+        write = f"; write `values: {{{pairs}}}`, with your numbers, under {place}, or" * place.startswith("columns.")
         raise ConfigError(
             f"{series.path}, {series.place(row)}, column {head!r} ({place}): holds words ({str(texts[row])[:40]!r}), "
-            "not numbers; name another column"
+            f"not numbers{write or ';'} name another column"
         )
     if head not in series.numbers:
         raise ConfigError(f"{series.path}: column {head!r} ({place}): is empty; name another column")

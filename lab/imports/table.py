@@ -250,7 +250,7 @@ def conclude(
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
         call, unit = every[0][0].form == FRAME, min((q.unit for _, q, _ in every if q.unit is not None), default=None)
         columns = tuple((name, str(column.column)) for name, column in wanted.columns.items())
-        table = replace(table, mapped=Mapped(wanted.frame.axes, wanted.straight, call, columns, unit))
+        table = replace(table, mapped=Mapped(wanted.frame.axes, wanted.straight, call, columns, unit, wanted.mount))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     with suppress(BadCase):  # which is said where the table is used

@@ -237,10 +237,15 @@ ASKEW, YAW = Rotation.from_euler("zy", (90, -90), degrees=True), Rotation.from_e
         (lambda turn: turn * ASKEW, "from the right by [0.5, 0.5, 0.5, -0.5]", None),
         (lambda turn: turn * ASKEW, "`mount: [0.5, 0.5, 0.5, -0.5]` under orientation in map.yaml", Mapped(("y", "z", "x"))),
         (lambda turn: turn * YAW, "`mount: [0.976, 0, 0, -0.216]`", Mapped(("y", "z", "x"))),
+        (
+            lambda turn: turn * YAW,
+            "write `mount: [0.216, 0, 0, 0.976]` under orientation in map.yaml",
+            Mapped(mount=(0, 0, 0, 1)),
+        ),
         (lambda turn: UP * turn * UP.inv(), "and from the right by [0.707, 0.707, 0, 0]", None),
         (lambda turn: turn.inv(), "change the sign of qx, qy and qz", None),
     ],
-    ids=["world", "world mapped", "body", "body mapped", "body askew", "frame", "inverse"],
+    ids=["world", "world mapped", "body", "body mapped", "body askew", "body mounted", "frame", "inverse"],
 )
 def test_attitudes_in_another_frame_than_the_tips_are_refused_with_the_turn_that_is_missing(
     change: Callable[[Rotation], Rotation], remedy: str, mapped: Mapped | None
@@ -252,6 +257,18 @@ def test_attitudes_in_another_frame_than_the_tips_are_refused_with_the_turn_that
             rows.append(replace(r, orientation=tuple(shown.as_quat(scalar_first=True).tolist())))
     (text,) = read(ROBOT, replace(Table.of(rows), mapped=mapped)).refused
     assert "are in another frame or order than its positions" in text and remedy in text, text
+
+
+def test_a_frame_that_explains_tips_and_orientations_is_named_although_the_mount_is_in_its_axes() -> None:
+    mount, quarter = Rotation.from_quat([0, 1, 0, 1]), Rotation.from_euler("z", 90, degrees=True)
+    rows = []
+    for r in (r for chambers in (BENDING, (3, 4, 5)) for r in sweep(chambers=chambers, spines=(0.0,))):
+        turn = quarter * Rotation.from_quat(r.orientation, scalar_first=True) * mount.inv() * quarter.inv() * mount
+        tip = tuple(quarter.apply(r.tip).tolist())
+        rows.append(replace(r, tip=tip, orientation=tuple(turn.as_quat(scalar_first=True).tolist())))
+    mapped = Mapped(mount=tuple(mount.as_quat(scalar_first=True).tolist()))
+    found = read(ROBOT, replace(Table.of(rows), mapped=mapped))
+    assert not found.refused and "write `frame: {x: y, y: -x, z: z}` in map.yaml" in found.asked[0]
 
 
 @pytest.mark.parametrize(("stated", "top", "sides"), [(SAGS, 60e3, (BENDING, (3, 4, 5))), (UPRIGHT, 20e3, (BENDING,))])

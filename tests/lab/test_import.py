@@ -166,6 +166,8 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "mm"}}}, "map.yaml: columns.p2.unit = 'mm': p2 needs one of Pa"),
         ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "N"}}}, "kgf/cm2, N/cm^2; the robot has chambers"),
         ({"columns": COLUMNS | {"p2": {"column": "druck"}}}, "columns.p2 = 'druck': no such column; there are 't'"),
+        ({"columns": COLUMNS | {"repeat": {"column": "branch"}}}, "write `values: {auf: 1, ab: 2}`, with your numbers, under"),
+        ({"columns": COLUMNS | {"repeat": {"column": "branch", "values": {"auf": 1, "ab": "b"}}}}, "'b': write numbers"),
         ({"columns": COLUMNS | {"p2": {"column": 40}}}, "columns.p2 = 40: must be 1 .. 8"),
         ({"columns": COLUMNS, "frame": {"x": "y", "y": "x", "z": "z"}}, "is a mirror image"),
         ({"columns": COLUMNS, "frame": {"x": "x", "y": "y", "z": "up"}}, "z = 'up': must be one of x, -x"),

@@ -194,6 +194,12 @@ def test_a_wrong_repeat_is_named_and_neither_begins_a_trial_nor_counts(tmp_path:
     assert any(n.startswith(note) and "no trial begins there" in n for n in made.notes)
 
 
+def test_words_may_count_repeats(tmp_path: Path) -> None:
+    content = table(TWO_RESTS, lambda s, r, g, i, k: ("AB"[r],), ("Wiederholung",))
+    columns = {"repeat": {"column": "Wiederholung", "values": {"A": 3, "B": "1"}}}
+    assert repeats(by_map(tmp_path, content, trials={"begin": "rest"}, columns=columns)) == [3] * 4 + [1] * 4
+
+
 def test_repeats_that_are_the_same_for_trials_alike_are_asked_about(tmp_path: Path) -> None:
     content = table(TWO_RESTS, lambda *_: ("1",), ("Wiederholung",))
     made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})

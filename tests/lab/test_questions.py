@@ -8,13 +8,14 @@ import lab
 from diagnosis.answer.sentences import far_off
 from diagnosis.diagnose import Options
 from lab.files.robot_file import paper_robot
-from lab.files.robot_numbers import doubtful_numbers
+from lab.files.robot_numbers import doubtful_numbers, doubts
 from lab.rig.watch import STUCK, Repeats
 from lab.verbs.compare import thrust_taken
 from model.actuators import Chambers
 from model.effects import CATALOGUE
 from model.prediction import Predictor
 from model.robot import load_robot
+from recordings.trials import Table
 from tests.diagnosis.test_edits import TENDON_ARM
 
 # ------------------------------------------------------------------ robot.yaml
@@ -67,6 +68,13 @@ def test_a_density_in_grams_and_a_tip_mass_in_grams_are_asked_about() -> None:
     (said,) = doubtful_numbers(ARM.replace(tip_mass=20.0))
     assert "tip_mass is 20 kg" in said and "divide by 1000" in said
     assert not list(doubtful_numbers(ARM.replace(tip_mass=0.2, density=0.0)))
+
+
+def test_a_column_of_masses_that_replaces_a_larger_one_of_the_robot_is_asked_about() -> None:
+    masses = Table({"trial": np.array([1, 2]), "p1": np.zeros(2), "tip_mass": np.array([0.0, 0.05])})
+    (said,) = doubts(ARM.replace(tip_mass=0.022), masses, "robot.yaml")
+    assert said.startswith("column tip_mass (0 to 50 g) replaces the tip_mass of 22 g of robot.yaml: does it include them?")
+    assert not doubts(ARM, masses, "robot.yaml")
 
 
 def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> None:
