@@ -465,10 +465,11 @@ def held_out(d: Diagnosis) -> str:
     closed = f"{errors}: {percent(h.share_closed)} % of the reducible gap is closed{interval}"
     if not h.named:
         return f"{closed} with {named}, the nearest effect. It was not named, so nothing is confirmed."
+    one_trial = ", as one trial gives no interval: hold out two trials or more"
     verdict = {
         "confirmed": f"{named} confirmed",
         "contradicted": f"{named} contradicted: it makes the prediction worse",
-        "open": f"this neither confirms nor contradicts {named}",
+        "open": f"this neither confirms nor contradicts {named}{one_trial * (h.trials == 1)}",
     }[h.verdict]
     return f"{closed}; {verdict}."
 
