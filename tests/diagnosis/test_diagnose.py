@@ -55,7 +55,7 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert d["schema"] == "diagnosis/1"
     assert set(d["data"]) == {"rows", "trials", "channels", "noise_mm", "noise_from", "quoted_pressure"}
     assert set(d["locate"]["by"]) == set(FACTORS) and set(d["locate"]["stage"]) == set(STAGES)
-    assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(d["locate"])
+    assert {"gap_rmse_mm", "noise_floor_mm", "significant"} <= set(d["locate"])
     assert set(d["attribute"]) == {f.name for f in fields(Attribute)}
     ranked = d["attribute"]["ranking"][0]
     assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters", "limited"} == set(ranked)

@@ -42,7 +42,7 @@ from model.robot import Robot
 from tests.diagnosis.test_findings import ANSWER
 from tests.diagnosis.toy import parameter, parameters
 
-WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
+WHERE = Locate(3.0, 0.5, True, {}, {})
 BUDGET = (Carries("base_tilt", "named", 2.5, 2.0, 3.0), Carries("contact", "present", 0.4, 0.1, 0.8))
 NAMES = {"base_tilt": "tilt of the base"}
 MATERIAL = (StageError("material", "time", 20.0),)
