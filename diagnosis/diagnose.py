@@ -41,7 +41,6 @@ from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.on_baseline import Baseline
 from .inference.prepare import AREA, Prepared, prepare
 from .inference.thrust import settled_and_edited
-from .judgement import USUAL_EXCESS
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,6 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense), len(alone)))
-    excess, floor = prepared.noise_components.excess_scatter, location.noise_floor_mm
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),
@@ -148,7 +146,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *sentences.obstacle(prepared, named_sizes),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
-            *([finding("scatter_of_repeats", words, factor=excess, floor_mm=floor)] if excess >= USUAL_EXCESS else ()),
+            *sentences.scatter(prepared, location.noise_floor_mm),
             *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),
             *(finding("as_read", text=text) for text in case.table.warnings),

@@ -114,8 +114,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             " at two or more"
         ),
         "scatter_of_repeats": (
-            "repeats of a state scatter by {floor_mm:.2f} mm rms, the noise floor: {pressures}, or what changes from trial to "
-            "trial, scatter {factor:.1f} times more than usual. Find out what does before you trust a cause"
+            "repeats of a state scatter by {floor_mm:.2f} mm rms, the noise floor: {scatter}. Find out why before you trust a "
+            "cause"
         ),
         "impossible_size": ("the fit gives {parameter} = {size}, which is physically impossible: evidence against this effect"),
         "stage_error": (

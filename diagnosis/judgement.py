@@ -53,8 +53,8 @@ LEAKAGE = 0.3
 # ------------------------------------------------------------------ noise
 COMPONENT_LOG_SD = 0.7
 """Prior standard deviation of the logarithm of each noise component: a factor of two about its default."""
-LEAST_COMPONENT_SHARE = 0.05
-"""Smallest value of a noise component, as a share of its default."""
+COMPONENT_RANGE = 20.0
+"""Largest factor by which a noise component is larger or smaller than its default."""
 DRIFT_SD = 1.0
 """Prior standard deviation of drift, relative: far more than any robot has."""
 LASTING_SHARE, LASTING_LOGIT_SD = 0.3, 1.5

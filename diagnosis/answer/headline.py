@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
-from model.robot import Robot
+from model.robot import THRUST, Robot
 
 from ..criticism.relatives import PLACES, RELATIVES
 from ..inference.posterior import UNKNOWN
@@ -136,6 +136,12 @@ def headline(
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
     closes, changed = f"Calibration closes {percent(by_calibration or 0.0)} %", f": {calibrated}" if calibrated else ""
     calibration_closes = "" if by_calibration is None else f"{closes} of the gap{f' ({calibrated})' if calibrated else ''}"
+    other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
+    other = f"perhaps {_name_all(a.too_small, speech)}{a.p_too_small}" if a.too_small else other
+    if a.effects == (THRUST,) and any(f.code == "thrust_settled" for f in d.findings):  # that is certain; p is of the rest
+        walls = d.words.fill("The side walls carry the {actuators}' thrust")
+        first = walls if by_calibration is None else f"{closes} of the gap"
+        return _short_enough(f"{first}; {other}. Write `thrust: walls`.", f"{first}; {other}.")
     if a.verdict == "effect":
         several, name = a.conclusion == "one of several", _name_all(a.effects, speech)
         closes_nothing = several and closed is not None and closed < LEAST_CLOSED
@@ -161,8 +167,6 @@ def headline(
         places = [f"; it may be {one}".replace("_", " ") for one in may_be] or [""]
         return _short_enough(*(f"No known cause fits {p}{place}." for place in places))
     if by_calibration is not None:
-        other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
-        other = f"perhaps {_name_all(a.too_small, speech)}{a.p_too_small}" if a.too_small else other
         return _short_enough(f"{calibration_closes}; {other}.", *(f"{closes}{of}{changed} {p}." for of in (" of the gap", "")))
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {p}."

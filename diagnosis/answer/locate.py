@@ -13,13 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from model.errors import ModelError
-from model.robot import Robot
-from model.rods import FINE, PAPER, solve
-from model.section import rods_of
-
 from ..arrays import Array, Ints, Mask, rms, rows_by
-from ..data.campaign import Campaign, settings
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import Prepared
 from ..judgement import FALSE_DISCOVERY_RATE
@@ -46,7 +40,6 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
         significant=any(cell.significant for group in by.values() for cell in group),
         by=by,
         stage=dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages),
-        numerical_error_mm=float("nan") if p.baseline is not None else 1e3 * numerical_error(p.robot, p.states.take(finite)),
         of="deflection" if p.pushes_only else "tip",
     )
 
@@ -119,17 +112,3 @@ def _limit(probabilities: Array) -> float:
     probabilities = np.sort(probabilities)
     allowed = FALSE_DISCOVERY_RATE * np.arange(1, len(probabilities) + 1) / max(len(probabilities), 1)
     return float(max(probabilities[probabilities <= allowed], default=-1.0))
-
-
-def numerical_error(robot: Robot, states: Campaign) -> float:
-    """Rms tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where none has an equilibrium."""
-    states = states.take(~states.pushed)
-    if not len(states):
-        return float("nan")
-    _, first = np.unique(states.condition, return_index=True)
-    try:
-        rods = rods_of(robot, settings(robot, states.trials.take(first)))
-        converged, stepped = solve(rods, FINE), solve(rods, PAPER)
-    except ModelError:
-        return float("nan")
-    return rms((stepped.tip - converged.tip)[converged.converged & stepped.converged])

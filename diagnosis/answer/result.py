@@ -72,8 +72,6 @@ class Locate:
     significant: bool
     by: Mapping[str, tuple[Cell, ...]]
     stage: Mapping[str, float]
-    numerical_error_mm: Number
-    """Root mean square tip error that the paper's Euler integration alone would add to its model."""
     of: Literal["tip", "deflection"] = "tip"
     """The gap's quantity: the tip's position, or, of stiffness trials alone, the deflection: a missed force over the specimen's
     stiffness. Next to tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""

@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from model.actuators import Words
+from model.actuators import Chambers, Words
 from model.effects.tolerance import TRACKED_TURN
 from model.robot import Robot
 from model.rotation import from_vector
@@ -18,6 +18,7 @@ from model.rotation import from_vector
 from .. import judgement
 from ..arrays import Array
 from ..criticism.stage_errors import StageError
+from ..data.noise_components import PRESSURE
 from ..data.plausible import differ_by
 from ..findings import Finding, finding
 from ..inference.fit import Fit
@@ -56,7 +57,8 @@ def _verdict(d: Diagnosis) -> str:
     a, named = d.attribute, _named(d.attribute.effects, d)
     sure = (limit := limited(d)) or f"{a.p}; {judgement.BENCHMARK}"
     if not limit and a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED:
-        sure = f"{a.p}; {a.within:.2f} if it is in the catalogue; {judgement.BENCHMARK}"
+        catalogued = "it is in the catalogue" if a.effects else "no cause is outside the catalogue"
+        sure = f"{a.p}; {a.within:.2f} if {catalogued}; {judgement.BENCHMARK}"
     each = [f"{with_id(e, d.names)} (p = {p:.2f})" for e, p in a.second.items()]
     second = f" A second cause of comparable size acts with it: {' or '.join(each)}." if each else ""
     if a.conclusion == "cause":
@@ -284,9 +286,9 @@ def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:
         yield finding("tracked_turn", deg=deg, about=listed(turn / angle), remedy=remedy)
 
 
-def _in_percent(value: float, unit: str) -> tuple[float, str]:
+def _in_percent(value: float, unit: str, words: Words = Chambers.words) -> tuple[float, str]:
     """A value and its unit as a person reads them; a pure number in percent."""
-    return (100 * value, "%") if unit == "1" else for_people(value, unit)
+    return (100 * value, "%") if unit == "1" else for_people(value, unit, words)
 
 
 def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
@@ -305,6 +307,30 @@ def against(
         yield finding("impossible_size", parameter=with_id(x.name, names), size=f"{number:.3g} {unit}".rstrip())
     for e in errors[:2] if named else ():
         yield finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain)
+
+
+SCATTERS = {
+    PRESSURE: "the readings of the {pressures} scatter by {}",
+    "repeat_turn": "from repeat to repeat the robot turns in its mount by {} about each axis",
+    "repeat_shift": "from repeat to repeat the robot shifts in its mount by {} along each axis",
+    "spine_length": "from trial to trial the spine's length differs by {}",
+    "spine_stiffness": "from trial to trial the spine's stiffness differs by {}",
+}
+"""Noise component -> what it does, as a template of `Words` with its standard deviation."""
+
+
+def scatter(p: Prepared, floor_mm: float) -> Iterator[Finding]:
+    """A finding if repeats scatter more than usual: each component that does, the largest excess first."""
+    noise, words = p.noise_components, p.robot.actuators.words
+    units, each = {PRESSURE: "Pa", **{i.source: i.unit for i in p.forward.parameters}}, []
+    for name, factor in sorted(noise.excess.items(), key=lambda x: -x[1]):
+        if factor >= judgement.USUAL_EXCESS:
+            size = noise.pressure if name == PRESSURE else noise.trial[name]
+            amount = "{:.2g} {}".format(*_in_percent(size, units[name], words))
+            at_least = "at least " * (factor > 0.99 * judgement.COMPONENT_RANGE)  # the limit of the fit
+            each.append(f"{words.fill(SCATTERS[name], f'{at_least}{amount}')}, {at_least}{factor:.2g} times as much as usual")
+    if each:
+        yield finding("scatter_of_repeats", words, floor_mm=floor_mm, scatter=each)
 
 
 def obstacle(p: Prepared, sizes: Sequence[Size]) -> Iterator[Finding]:
@@ -465,10 +491,11 @@ def held_out(d: Diagnosis) -> str:
     closed = f"{errors}: {percent(h.share_closed)} % of the reducible gap is closed{interval}"
     if not h.named:
         return f"{closed} with {named}, the nearest effect. It was not named, so nothing is confirmed."
+    one_trial = ", as one trial gives no interval: hold out two trials or more"
     verdict = {
         "confirmed": f"{named} confirmed",
         "contradicted": f"{named} contradicted: it makes the prediction worse",
-        "open": f"this neither confirms nor contradicts {named}",
+        "open": f"this neither confirms nor contradicts {named}{one_trial * (h.trials == 1)}",
     }[h.verdict]
     return f"{closed}; {verdict}."
 

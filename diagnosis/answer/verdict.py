@@ -1,7 +1,8 @@
 """The conclusion, as precise as the data allow: the sections `data`, `attribute` and `budget`. `sentences` has the words,
 docs/explanations/diagnosis.md explains them.
 
-cause             named with a probability of at least 0.9; no relative outside the catalogue looks the same; no `doubts`
+cause             named with a probability of at least 0.9; no relative outside the catalogue looks the same; no `doubts`;
+                  or known before the diagnosis, which finds no other (`beside`)
 one of several    named with less: the data cannot rule out others
 stage             outside the catalogue; the evidence points to an error in one stage of the chain
 outside           outside the catalogue
@@ -100,7 +101,7 @@ def at_places(f: Attribution) -> dict[str, dict[str, Value]]:
 
 def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
     """Return the section with the effect `certain`, which the robot has, as part of every hypothesis: without it none comes near
-    the data."""
+    the data. The probability is that of what is beyond it."""
     size = {f"{certain}.{name}": Value(s.value, s.sd, s.unit) for name, s in robot.effects[certain].items()}
     return replace(
         a,

@@ -70,12 +70,17 @@ class NoiseComponents:
     """White noise of states read at rest, as a factor on that of states read while ramping."""
     contrasts: int
     """Independent differences between repeats behind the estimate; 0: defaults, nothing was repeated."""
-    excess_scatter: float = 1.0
-    """Largest factor by which the pressure reading or a parameter of the trials scatters more than its default."""
+    excess: Mapping[str, float] = field(default_factory=dict)
+    """Component of the trials, and `pressure` -> its standard deviation as a factor on the default."""
     lasting: Mapping[str, float] = field(default_factory=dict)
     """Kind of channel, and `pressure` -> share of its variance that lasts from reading to reading; of others nothing does."""
     memory: float = MEMORY * STANDARD.time
     """s over which that is forgotten."""
+
+    @property
+    def excess_scatter(self) -> float:
+        """The largest `excess`."""
+        return max(self.excess.values(), default=1.0)
 
 
 def reading_rms(data: Repeated, channels: Mask) -> float:

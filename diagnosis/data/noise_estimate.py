@@ -123,8 +123,8 @@ class Loss:
         self._prior_sd = np.repeat([judgement.COMPONENT_LOG_SD, judgement.LASTING_LOGIT_SD, judgement.MEMORY_LOG_SD], counts)
         self._lasts = float((data.block >= 0).any())
         longest = np.log(judgement.LONGEST_MEMORY / judgement.MEMORY)
-        self.low = np.repeat([np.log(judgement.LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], counts)
-        self.high = np.repeat([3.0, 6.0 * self._lasts, longest * self._lasts], counts)
+        self.low = np.repeat([-np.log(judgement.COMPONENT_RANGE), -6.0 * self._lasts, -3.0 * self._lasts], counts)
+        self.high = np.repeat([np.log(judgement.COMPONENT_RANGE), 6.0 * self._lasts, longest * self._lasts], counts)
         k, c = len(contrast), data.residual.shape[1]
         self._count = k
         self._member = np.array([self._kinds.index(kind) for kind in data.group])
@@ -149,7 +149,7 @@ class Loss:
             trial=dict(zip(self._names, sd[g + 2 :].tolist(), strict=True)),
             rest=float(sd[g + 1]),
             contrasts=self._count,
-            excess_scatter=float(np.exp(max([x[g], *x[g + 2 : self.sds]]))),
+            excess=dict(zip([PRESSURE, *self._names], np.exp([x[g], *x[g + 2 : self.sds]]).tolist(), strict=True)),
             lasting=dict(zip([*self._kinds, PRESSURE], share.tolist(), strict=True)) if self._lasts else {},
             memory=float(np.exp(at[-1])),
         )

@@ -238,9 +238,6 @@ def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
         rows.append([level, str(c.n), f"{c.rmse_mm:.2f}", ends, "*" if c.significant else ""])
     s.table(("where", "states", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
     s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
-    euler = d.locate.numerical_error_mm
-    if d.locate.of == "tip" and np.isfinite(euler):
-        s.text(f"The paper's Euler integration alone would add {euler:.2f} mm rms; it is not part of this gap.")
 
 
 def _pushed(s: PageSection, d: Diagnosis, folder: Path) -> None:

@@ -18,6 +18,8 @@ from threadpoolctl import threadpool_info
 
 from diagnosis.answer.locate import _parts
 from diagnosis.answer.result import FACTORS, STAGES, Attribute, Diagnosis
+from diagnosis.answer.sentences import SCATTERS
+from diagnosis.data.noise_components import PRESSURE
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.fit_effects import fit_effects
@@ -25,6 +27,7 @@ from diagnosis.inference.executor import Executor
 from diagnosis.inference.prepare import prepare, table_columns
 from diagnosis.judgement import LEAST_BITS
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.effects.tolerance import BY_TRIAL, REPEATS
 from model.robot import Uncertainty
 from recordings.trials import ORIENTATION
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
@@ -52,7 +55,7 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert d["schema"] == "diagnosis/1"
     assert set(d["data"]) == {"rows", "trials", "channels", "noise_mm", "noise_from", "quoted_pressure"}
     assert set(d["locate"]["by"]) == set(FACTORS) and set(d["locate"]["stage"]) == set(STAGES)
-    assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(d["locate"])
+    assert {"gap_rmse_mm", "noise_floor_mm", "significant"} <= set(d["locate"])
     assert set(d["attribute"]) == {f.name for f in fields(Attribute)}
     ranked = d["attribute"]["ranking"][0]
     assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters", "limited"} == set(ranked)
@@ -223,4 +226,6 @@ def test_repeats_that_scatter_are_stated_in_mm() -> None:
     told = Measured(FINGER, table.replaced({"y": table["y"] + 5e-3 * (table["repeat"] == 2)}))
     found = diagnose(told, quick({"viscoelastic": CATALOGUE["viscoelastic"]}))
     (scatter,) = (str(f) for f in found.findings if f.code == "scatter_of_repeats")
+    assert set(SCATTERS) == {PRESSURE, *(source.spec.id for source in (*BY_TRIAL, *REPEATS))}
     assert f"scatter by {found.locate.noise_floor_mm:.2f} mm rms, the noise floor" in scatter
+    assert re.search(r"shifts in its mount by ([\d.]+) mm along each axis, [\d.]+ times as much as usual", scatter), scatter

@@ -12,7 +12,7 @@ from model.actuators import Chambers, Tendons
 
 ROOT = Path(__file__).parents[2]
 WORDS = (Chambers.words, Tendons.words)
-ANSWER = Diagnosis("No gap.", Data(1, 1, (), 0.1, ""), Locate(0.1, 0.1, False, {}, {}, 0.0), Attribute("none", (), 1.0), None, ())
+ANSWER = Diagnosis("No gap.", Data(1, 1, (), 0.1, ""), Locate(0.1, 0.1, False, {}, {}), Attribute("none", (), 1.0), None, ())
 
 
 def codes(argument: ast.expr) -> set[str]:

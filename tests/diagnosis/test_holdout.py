@@ -63,6 +63,7 @@ def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnose
     rows = [r for r in measured(1, 9, chamber_azimuth__angle=AZIMUTH).table if r.trial == 2]
     held = evaluate_holdout(found, other_campaign(diagnosed, case(rows)))
     assert held.trials == 1 and held.ci95 is None and held.verdict == "open"
+    assert "one trial gives no interval: hold out two trials or more." in held_out(replace(NAMELESS, holdout=held))
 
 
 def push(r: TrialRow) -> TrialRow:

@@ -38,6 +38,10 @@ def test_a_little_thrust_on_the_cap_is_no_cause_beyond_thrust_on_the_walls() -> 
     little = measured(3, 2, FEW, chamber_thrust__share=0.93, chamber_thrust__borne=0.6)
     found = diagnose(little, quick(RIVALS | {"marker_offset": CATALOGUE["marker_offset"]}))
     assert found.attribute.effects == ("chamber_thrust",) and "thrust_settled" in [f.code for f in found.findings]
+    first, _, rest = found.headline.partition("; no other cause ")
+    assert first == "The side walls carry the chambers' thrust" and rest.endswith(
+        f" ({found.attribute.p}). Write `thrust: walls`."
+    )
 
 
 def test_thrust_is_settled_behind_a_mistake_that_hides_it(turned: Measured) -> None:

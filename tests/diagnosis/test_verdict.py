@@ -42,7 +42,7 @@ from model.robot import Robot
 from tests.diagnosis.test_findings import ANSWER
 from tests.diagnosis.toy import parameter, parameters
 
-WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
+WHERE = Locate(3.0, 0.5, True, {}, {})
 BUDGET = (Carries("base_tilt", "named", 2.5, 2.0, 3.0), Carries("contact", "present", 0.4, 0.1, 0.8))
 NAMES = {"base_tilt": "tilt of the base"}
 MATERIAL = (StageError("material", "time", 20.0),)
@@ -101,6 +101,7 @@ def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
         (facts(OUTSIDE, asking=BOTH), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
         (facts(OUTSIDE, asking=()), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
         (facts(NONE), "none", "No cause: no effect explains enough"),
+        (facts(NONE), "none", "(p = 0.80; 0.84 if no cause is outside the catalogue; "),
         (facts(NONE, gap=False), "noise", "No gap: nothing is above the noise floor"),
         (attributed(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
     ],
@@ -148,6 +149,10 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); no effect closes the rest."
     said = line(a, by_calibration=0.99, closed=0.7, calibrated="a body 86 % softer", alone=True)
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); the rest has no clear cause."
+    settled = (finding("thrust_settled", walls_mm=0.67, cap_mm=3.95),)
+    walls = replace(answer(attribute("effect", "cause", {}, "chamber_thrust", p=0.92)), findings=settled)
+    said = headline(walls, CATALOGUE, by_calibration=0.99, calibrated="a body 86 % softer")
+    assert said == "Calibration closes 99 % of the gap; no other cause is needed (p = 0.92). Write `thrust: walls`."
     sure = replace(answer(attribute("effect", "cause", {}, "base_tilt", p=0.98)), calibration=Calibration(1.0, 1.0, 0.86))
     assert headline(sure, CATALOGUE, None, 0.97, "a body 14 % softer").endswith("(p = 0.98), beside a body 14 % softer.")
 
