@@ -148,7 +148,9 @@ def _masses(robot: Robot, table: Table) -> str:
     if not (mass > carried or (described > 0 and abs(mass / described / 1000 - 1) < 0.05)):
         return ""
     beside = f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
-    return f"{table.place(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
+    of_file = table.mapped is not None and not table.mapped.call
+    remedy = "write `unit: g` under columns.tip_mass in map.yaml" if of_file else "masses are in kg: divide by 1000"
+    return f"{table.place(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; {remedy}"
 
 
 def complete(table: Table) -> Mask:

@@ -172,9 +172,10 @@ def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
             )
     if run_rows:
         i = run_rows[0]
+        times = "once" if len(run_rows) == 1 else f"{len(run_rows)} times"
         line.notes.append(
-            f"times begin again {len(run_rows)} times, first in {place(int(line.rows[i]))} ({line.t[i - 1]:.6g} s to "
-            f"{line.t[i]:.6g} s): each time another trial begins, {BETWEEN_RUNS:g} s later"
+            f"times begin again {times}, first in {place(int(line.rows[i]))} ({line.t[i - 1]:.6g} s to {line.t[i]:.6g} s): each "
+            f"time another trial begins, {BETWEEN_RUNS:g} s later"
         )
     line.t, line.run = line.t + shift, np.searchsorted(np.array(run_rows), np.arange(len(line.t)), side="right")
 

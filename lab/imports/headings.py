@@ -74,6 +74,8 @@ OTHER_UNITS = UNSTATED | word_set("""
 v mv uv ma a hz khz °c c k % nm n·m n*m m/s mm/s rad/s deg/s °/s m/s² m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min
 sccm v/v bool boolean px counts lsb s^-1 ohm kohm nt ut mt gauss hh:mm:ss hh:mm:ss.000
 """)
+LETTERS = {"g": word_set(WORDS["tip_mass"]), "n": word_set(WORDS["force"]) | TENDON}
+"""Units of one letter that end a heading with one of these words, such as "weight_g"."""
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
 """Units that may be all of a heading."""
 ELECTRIC = frozenset({"v", "mv", "ma", "a", "counts", "lsb"})
@@ -132,7 +134,9 @@ def heading(name: str, unit: str = "") -> Heading:
     parts = [w for w in re.split(r"[^0-9A-Za-zÀ-ÿ]+", rest) if w]
     last = parts[-1].casefold() if parts and not stated and (len(parts) > 1 or parts[0] in ALONE) else ""
     if last in UNITS and last != "in":
-        kind, unit = UNITS[last] if len(parts[-1]) > 1 or len(parts) == 1 else ("", "")
+        letter = len(parts[-1]) == 1 < len(parts)  # a mere letter is a unit only behind a word for its quantity
+        of_quantity = {w.casefold() for w in parts} & LETTERS.get(last, frozenset())
+        kind, unit = UNITS[last] if not letter or of_quantity else ("", "")
         parts = parts[: -1 if unit and len(parts) > 1 else None]
     words = [w.casefold() for part in parts for w in re.sub(r"(?<=[a-z])(?=[A-Z])", " ", part).split()]
     apart = [w for word in words for w in COMPOUND.sub(r"\1\2 \3 \4", word).split()]

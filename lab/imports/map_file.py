@@ -74,7 +74,7 @@ class Column(FileTable):
     zero: Literal["none", "first", "absolute"] | FiniteFloat = "none"
     """Subtracted: nothing, the first row, the atmosphere, or a number in the column's unit (of x, y, z also from `points`)."""
     values: Annotated[dict[str, str], BeforeValidator(_as_texts)] = {}
-    """The file's word -> that, or the number, of trials.csv: `{A: 1, B: 2}`."""
+    """The file's word -> that of trials.csv: `{A: 1, B: 2}`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -209,7 +209,7 @@ class Trials(FileTable):
 
     begin: Literal["file", "rest", "state"] = "file"
     change: tuple[Name, ...] = ()
-    """Columns that count runs or name the chambers inflated, in numbers or words: each change begins a trial. With `begin: rest`
+    """Columns that count runs or name the chambers inflated: each change begins a trial. With `begin: rest`
     none begins away from rest, and a note names the row."""
     below: FiniteFloat = Field(default=REST, gt=0, json_schema_extra={"unit": "Pa"})
     """What counts as at rest; of tendons also in N."""

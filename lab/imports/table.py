@@ -240,7 +240,7 @@ def conclude(
     if wanted.forces == "tip":
         states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
-    table = _numbered(states, counted, notes)
+    table = _numbered(states, counted, notes, _unmapped(rows, every))
     notes += _contradictions(table, float(straight[2]))
     _demand_mounted(table)
     if wanted.stiffness is not None:
@@ -376,15 +376,18 @@ def _jump_notes(
     found: Sequence[Jump], rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, FileRows, Map]], words: Words
 ) -> Iterator[str]:
     """What to ask about places that moved farther than the body can; `rows`: file and first row of each state."""
-    for jump in (named := notable(found))[:MOST_JUMPS]:
+    named_jumps = notable(found)
+    for number, jump in enumerate(named_jumps[: MOST_JUMPS + 1]):
         file, row = rows[jump.state]
         series, q, _ = files[file]
+        place = f"{series.path.name}, {series.place(int(q.row[row]))}"
+        if number == MOST_JUMPS:
+            yield f"{place}: the first of {len(named_jumps) - MOST_JUMPS} further points that move farther than the body can"
+            return
         doubt = "was it another marker, or was something moved?" if jump.exchanged is None else "were they confused?"
         remedy = "put these rows into a separate file and name its columns under files: {PATTERN: {columns: ..}}"
         asked = f": {doubt} If so, {remedy}, or leave them out" * (not jump.against)
-        yield f"{series.path.name}, {series.place(int(q.row[row]))}: {jump.text(words)}{asked}"
-    if len(named) > MOST_JUMPS:
-        yield f"{len(named) - MOST_JUMPS} further points move farther than the body can"
+        yield f"{place}: {jump.text(words)}{asked}"
 
 
 def _rest(q: FileRows) -> Array:
@@ -517,7 +520,17 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
     return Table(columns | orientation_columns(turns, np.array([len(rows) > 0 for rows in oriented])))
 
 
-def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> Table:
+def _unmapped(rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, FileRows, Map]]) -> dict[str, NDArray[np.str_]]:
+    """Cells (n,), one for each state (file, first row), of columns that all files have and their maps do not use."""
+    names = [(series.names, named(own_map)) for series, _, own_map in files]
+    free = [set[str]() if used is None else {*of_file} - used for of_file, used in names]
+    return {
+        name: np.array([str(files[file][0].columns[name][files[file][1].row[row]]) for file, row in rows])
+        for name in names[0][0] if all(name in own for own in free)
+    }  # fmt: skip
+
+
+def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str], unmapped: Mapping[str, NDArray[np.str_]]) -> Table:
     """Number trials, steps and repeats (of the same inflation), unless a column of `counted` does, and name branches."""
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
@@ -536,12 +549,24 @@ def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> T
         falls = np.where(_falling(highest[of_trial], gap), "unload", "load")
         branch[of_trial] = np.where(branch[of_trial] == "", falls, branch[of_trial])
     if again and "repeat" in counted:
+        pairs = [(of_trials[a - 1], of_trials[b - 1]) for a, b, _ in again]
+        differing = [name for name, cells in unmapped.items() if _sets_apart(cells, pairs)]
+        remedy = "correct it, or leave out columns.repeat to have equal trials counted"
+        if differing:
+            remedy = f"column {differing[0]!r} differs between them and is not used: map it, e.g. as tip_mass; or correct repeat"
         notes.append(
             f"trials {again[0][0]} and {again[0][1]} inflate the same chambers as far, and column "
-            f"{counted['repeat']!r} says that both are repeat {again[0][2]}: correct it, or leave out columns.repeat to have "
-            "equal trials counted"
+            f"{counted['repeat']!r} says that both are repeat {again[0][2]}: {remedy}"
         )
     return states.replaced({"trial": trial + 1, "step": step, "repeat": repeat, "branch": branch.astype(np.str_)})
+
+
+def _sets_apart(cells: NDArray[np.str_], pairs: Sequence[tuple[Ints, Ints]]) -> bool:
+    """Whether a column is a setting that differs between most of some pairs of trials (states of each): one word in each trial,
+    which comes again in others."""
+    words = [({*cells[a].tolist()}, {*cells[b].tolist()}) for a, b in pairs]
+    apart = sum(len(a) == len(b) == 1 and a != b for a, b in words)
+    return 2 * apart > len(pairs) and len(set().union(*(a | b for a, b in words))) <= max(2, len(pairs))
 
 
 def _falling(highest: Array, gap: float) -> list[bool]:

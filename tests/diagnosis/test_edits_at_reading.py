@@ -94,6 +94,11 @@ def test_another_unit_or_frame_is_refused_with_what_to_write(states: int, change
     assert all(word in text for word in words), text
 
 
+def test_masses_in_grams_are_refused_with_the_line_of_the_map() -> None:
+    table = replace(Table.of([replace(r, tip_mass=53.0) for r in sweep(spines=(0.2,))[:2]]), mapped=Mapped())
+    assert any("looks like g; write `unit: g` under columns.tip_mass in map.yaml" in text for text in read(ROBOT, table).refused)
+
+
 @pytest.mark.parametrize(("unit", "wrong", "factor"), [("psi", "kPa", 6.895), ("kPa", "mbar", 10.0), ("psi", "bar", 0.06895)])
 def test_a_unit_of_all_pressures_is_named_next_to_an_area_factor_that_does_the_same(unit: str, wrong: str, factor: float) -> None:
     robot = lab.load_robot(Path(__file__).parents[2] / "examples/three_chambers/robot.yaml")

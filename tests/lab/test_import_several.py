@@ -60,6 +60,11 @@ def test_markers_exchanged_within_a_file_are_asked_about(change: Any, line: str,
     assert any(line in n and "the tip and marker 1 swap places: were they confused?" in n for n in made.notes)
 
 
+def test_the_first_of_many_jumps_that_are_not_told_one_by_one_is_named(tmp_path: Path) -> None:
+    often = text(FEW, headings=NAMES, change=lambda k, c: (with_middle, exchanged)[k % 5 == 4](k, c))
+    assert any(n.startswith("a.csv, line 12: the first of 8 further") for n in read_all(tmp_path, {"a.csv": often}).notes)
+
+
 def test_markers_exchanged_from_file_to_file_are_asked_about(tmp_path: Path) -> None:
     contents = {"a.csv": WHOLE, "b.csv": text(FEW, headings=NAMES, change=exchanged)}
     made = read_all(tmp_path, contents)
@@ -273,7 +278,7 @@ def test_a_file_written_backwards_is_read_forwards(tmp_path: Path) -> None:
 def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp_path: Path) -> None:
     rows = [[4.0 * (k % 15), *r[1:]] for k, r in enumerate(FEW)]
     made = read_all(tmp_path, {"a.csv": text(rows, headings=NAMES, change=with_middle)}, trials={"begin": "file"})
-    assert any("times begin again 1 times, first in line 17 (56 s to 0 s)" in n for n in made.notes)
+    assert any("times begin again once, first in line 17 (56 s to 0 s)" in n for n in made.notes)
     assert np.flatnonzero(np.diff(made.table["trial"])).tolist() == [14] and (np.diff(made.table["t"]) > 0).all()
     late = [*FEW[:8], FEW[9], FEW[8], *FEW[10:]]
     made = read_all(tmp_path, {"a.csv": text(late, headings=NAMES, change=with_middle)})

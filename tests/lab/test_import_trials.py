@@ -204,6 +204,9 @@ def test_repeats_that_are_the_same_for_trials_alike_are_asked_about(tmp_path: Pa
     content = table(TWO_RESTS, lambda *_: ("1",), ("Wiederholung",))
     made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})
     assert any("trials 1 and 5 inflate the same chambers as far, and column 'Wiederholung' says" in n for n in made.notes)
+    content = table(TWO_RESTS, lambda s, r, g, i, k: ("1", str(50 * r)), ("Wiederholung", "Haken [g]"))
+    made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})
+    assert any("column 'Haken [g]' differs between them and is not used: map it, e.g. as tip_mass" in n for n in made.notes)
 
 
 def test_a_trial_column_says_where_trials_begin_and_a_change_under_pressure_is_noted(tmp_path: Path) -> None:
