@@ -112,10 +112,6 @@ class Ended:
     why: str = ""
     safe: bool = True
     error: Exception | None = None
-    asked: int = 0
-    """How often a person was asked to set the rig up."""
-    displaced: bool = False
-    """A recording or its journal was deleted, renamed, replaced or truncated during the run."""
 
 
 class Session:
@@ -133,7 +129,8 @@ class Session:
         self._rig: Rig | None = None
         self._open: list[str] = []  # names of the instruments that are
         self._safe = True
-        self._displaced = False
+        self.displaced = False
+        """A recording or its journal was deleted, renamed, replaced or truncated during its run."""
         self._said = False
         """That the rig is not checked."""
         self._done_s = sum(run.job.plan.seconds for run in campaign.runs if run.number in journal.done.completed)
@@ -150,7 +147,7 @@ class Session:
             ended = Ended(False, "stopped by the operator")
         finally:
             self._close()
-        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked, displaced=self._displaced)
+        return replace(ended, safe=ended.safe and self._safe)
 
     def _look_back(self) -> None:
         """Count earlier sessions for the stop rules."""
@@ -219,7 +216,7 @@ class Session:
             return self._failed(number, e, 0.0, 0)
         seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
         self._safe = result.safe
-        self._displaced = self._displaced or bool(result.displaced)
+        self.displaced = self.displaced or bool(result.displaced)
         if result.outcome != "completed":
             if isinstance(result.error, Stopped):
                 self.journal.ended(number, result.outcome, seconds, len(result.table), lost, False)
@@ -407,10 +404,10 @@ def _session(session: Session) -> Result:
         raise
     again = None if ended.completed else go_on
     data = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
-            "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
+            "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": session.hands.asked,
             "resume": again}  # fmt: skip
-    cut_short = not (ended.completed or ended.displaced)
-    code = 1 if cut_short or not ended.safe else 3 if done.lost or ended.displaced else 0
+    cut_short = not (ended.completed or session.displaced)
+    code = 1 if cut_short or not ended.safe else 3 if done.lost or session.displaced else 0
 
     def show() -> None:
         word = "completed" if ended.completed else f"ended: {ended.why}"
