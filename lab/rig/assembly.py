@@ -137,18 +137,17 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
         wanted = {*needs, "pressure", *self.sensors, *(("arm_state",) if "arm" in needs else ())}
         return [name for name in self.names if name in wanted]
 
-    def open_all(
-        self, announce: Callable[[str, Identity | InstrumentError], None], names: Sequence[str] | None = None
-    ) -> list[InstrumentError]:
-        """Connect everything, or `names`, telling each outcome; returns what failed. Raises ConfigError where fakes ended."""
+    def open_all(self, say: Callable[[str], object], names: Sequence[str] | None = None) -> dict[str, InstrumentError]:
+        """Connect everything, or `names`, saying what each is; returns what failed, by name. Raises ConfigError where fakes
+        ended."""
         demand_running(self.file)
-        failures: list[InstrumentError] = []
+        failures: dict[str, InstrumentError] = {}
         for name in self.names if names is None else names:
             try:
-                announce(name, self.open(name))
+                identity = self.open(name)
+                say(f"  {name}: {identity.maker} {identity.model} {identity.serial}".rstrip())
             except InstrumentError as e:
-                failures.append(e)
-                announce(name, e)
+                failures[name] = e
         return failures
 
     # -- samples
