@@ -37,9 +37,9 @@ from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
 from ..rig.operator import NotPrepared, RememberingOperator, preparations
-from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified, resume_command
+from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
-from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, found_of, mend
+from .journal import FILE, CampaignJournal, CampaignProgress, demand_same, fill, found_of, mend
 
 
 class Stops:
@@ -159,12 +159,13 @@ class Session:
             self.stops.count(self.campaign.warm_up.plan, begun[0])
         if self.campaign.file.stop.max_scatter is not None:
             for run in self.campaign.runs:
-                if run.number in self.journal.done.completed and (broken := self._found(run).broken) is not None:
+                done = run.number in self.journal.done.completed
+                if done and (broken := found_of(self.folder / run.folder).broken) is not None:
                     self.stops.take(run.cell, broken.table)
 
     def _all(self) -> Ended:
         for run in self._left:
-            found = self._found(run)
+            found = found_of(self.folder / run.folder)
             if found.completed and found.broken is not None:  # the crash came before the journal could say so
                 self.journal.ended(run.number, "completed", 0.0, len(found.broken.table), found.lost, run.inflates)
                 self.stops.take(run.cell, found.broken.table)
@@ -186,13 +187,10 @@ class Session:
             ended = self._one(None, self.campaign.warm_up_for(run), needs, self.folder / WARM_UP, None)
             if ended is None or not ended.completed:
                 return ended
-        broken = self._found(run).broken
+        broken = found_of(self.folder / run.folder).broken
         own = run.job.experiment if run.job.experiment.source is not None else None
         job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own, run.job.rig)
         return self._one(run, job, needs, self.folder / run.folder, broken)
-
-    def _found(self, run: CampaignRun) -> RunState:
-        return found_of(self.folder / run.folder)
 
     def _one(self, run: CampaignRun | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
         """Make one recording (None: a warm-up); how the session ended; None: it failed and may be tried again."""
@@ -396,7 +394,7 @@ def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool
 def _session(session: Session) -> Result:
     """Do the remaining runs of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
     c, folder, done = session.campaign, session.folder, session.journal.done
-    go_on = resume_command("campaign", folder, c.rig_path)
+    go_on = typed("lab", "campaign", "--resume", folder, "--rig", c.rig_path)
     try:
         ended = session.go()
     except Exception:

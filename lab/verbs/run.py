@@ -396,7 +396,7 @@ def run(
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
-    again = None if result.outcome == "completed" else resume_command("run", result.file, rig_path)
+    again = None if result.outcome == "completed" else typed("lab", "run", "--resume", result.file, "--rig", rig_path)
     warn(rig.notices)
     poses: dict[str, Any] = {}
     with contextlib.suppress(RecordingError):  # one that cannot be read has no poses
@@ -438,11 +438,6 @@ def note_unverified(rig_path: Path, rig: RigFile) -> None:
         check = typed("lab", "check", "--move", "--rig", rig_path)
         text = f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
         out.print(text, soft_wrap=True)
-
-
-def resume_command(verb: str, place: Path, rig_path: Path) -> str:
-    """The command that continues a run or campaign which ended early."""
-    return typed("lab", verb, "--resume", place, "--rig", rig_path)
 
 
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
