@@ -76,21 +76,10 @@ class LabParser(argparse.ArgumentParser):
         return "\n".join([*lines, "start: docs/tutorials/first-day.md"]) + "\n"
 
 
-class Version(argparse.Action):
-    """Prints the version, which is computed only on request."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from .console import out
-        from .version import version_text
-
-        out.print(version_text())
-        parser.exit()
-
-
 def parser(whole: Collection[str] = tuple(VERBS)) -> argparse.ArgumentParser:
     """Return the parser of the command; only the verbs named in `whole` have their options."""
     top = LabParser(prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model.")
-    top.add_argument("--version", action=Version, nargs=0, help="print the version, and the commit of a checkout")
+    top.add_argument("--version", action="store_true", help="print the version, and the commit of a checkout")  # see `main`
     top.set_defaults(parser=parser)
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=argparse.ArgumentParser)
     for name, (_, summary) in VERBS.items():
@@ -106,8 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The matrices of fits and diagnoses are small: threads of the linear algebra would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(20_000)  # looking for garbage took a tenth of short commands: few of the libraries' objects ever are
-    from .console import complain, plain_failures
-    from .version import strangers
+    from .console import complain, out, plain_failures
+    from .version import strangers, version_text
 
     if wrong := strangers():
         complain(wrong)
@@ -116,6 +105,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not words or words == ["help"]:
         parser(()).print_help()
         return OK if words else USAGE
+    if words[0] == "--version":
+        out.print(version_text())
+        return OK
     if words[0] == "help":
         words = [*words[1:], "--help"]
     if not words[0].startswith("-") and words[0] not in VERBS:

@@ -108,20 +108,24 @@ FEW_ROWS = 25
 
 
 @contextmanager
-def for_case(cores: int) -> Iterator[Callable[[int], Processes | None]]:
-    """Start processes for a case that is still to be read, `cores` with this one. Yields a function that takes the number of rows
-    of the case and returns the processes, or None where one process is as quick.
+def for_case(workers: int | None) -> Iterator[Callable[[int], Callable[..., Iterator[Any]] | None]]:
+    """Start processes for a case that is still to be read, as many as `workers` with this one, by default one for each core.
+    Yields a function that takes the number of rows of the case and returns their `in_order`, or None where one process is as
+    quick. Raises ConfigError.
 
     Kernels of the rod that are not compiled yet on this machine are compiled meanwhile, here and in the processes."""
+    cores = workers if workers is not None else len(os.sched_getaffinity(0))
+    if cores < 1:
+        raise ConfigError(f"--workers {cores}: must be at least 1")
     if cores == 1:
         yield lambda rows: None
         return
-    with processes(cores - 1, ("derivatives",)) as workers:
+    with processes(cores - 1, ("derivatives",)) as others:
 
-        def of(rows: int) -> Processes | None:
+        def of(rows: int) -> Callable[..., Iterator[Any]] | None:
             if warm_up(("rods",)):
-                workers.begun()
-            return workers if rows >= FEW_ROWS else None
+                others.begun()
+            return others.in_order if rows >= FEW_ROWS else None
 
         yield of
 

@@ -88,7 +88,7 @@ def once(fakes: FakeRig, rig: Path, folder: Path, rng: random.Random) -> tuple[s
     try:
         planned = job("bending", rig, SETTINGS)
         with Rig(load_rig(rig)) as opened:
-            if not opened.open_all(lambda name, result: None, opened.needed(planned.experiment.needs)):
+            if not opened.open_all(str, opened.needed(planned.experiment.needs)):
                 done = execute(opened, planned, folder, Screen("soak", planned.rig.clock.speed, quiet=True))
                 outcome = done.outcome
                 wrong = incomplete(done.file, outcome, len(planned.plan.steps) - TRIALS)

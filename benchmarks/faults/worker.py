@@ -53,9 +53,9 @@ def work(todo: FaultJob, line: Connection) -> FaultResult:
         planned = job(todo.protocol, path, list(todo.settings))
         with Told(load_rig(path)) as rig:
             rig.line = line
-            failures = rig.open_all(lambda name, outcome: None, rig.needed(planned.experiment.needs))
+            failures = rig.open_all(str, rig.needed(planned.experiment.needs))
             if failures:
-                error, ended = failures[0], time.monotonic()
+                error, ended = next(iter(failures.values())), time.monotonic()
             else:
                 outcome = execute(rig, planned, Path(todo.folder), Screen(todo.protocol, planned.rig.clock.speed, quiet=True))
                 error, report, ended, rows = outcome.error, rig.report, rig.ended, len(outcome.table)

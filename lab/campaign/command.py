@@ -37,9 +37,9 @@ from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
 from ..rig.operator import NotPrepared, RememberingOperator, preparations
-from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified, resume_command
+from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
-from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, found_of, mend
+from .journal import FILE, CampaignJournal, CampaignProgress, demand_same, fill, found_of, mend
 
 
 class Stops:
@@ -112,10 +112,6 @@ class Ended:
     why: str = ""
     safe: bool = True
     error: Exception | None = None
-    asked: int = 0
-    """How often a person was asked to set the rig up."""
-    displaced: bool = False
-    """A recording or its journal was deleted, renamed, replaced or truncated during the run."""
 
 
 class Session:
@@ -133,7 +129,8 @@ class Session:
         self._rig: Rig | None = None
         self._open: list[str] = []  # names of the instruments that are
         self._safe = True
-        self._displaced = False
+        self.displaced = False
+        """A recording or its journal was deleted, renamed, replaced or truncated during its run."""
         self._said = False
         """That the rig is not checked."""
         self._done_s = sum(run.job.plan.seconds for run in campaign.runs if run.number in journal.done.completed)
@@ -150,7 +147,7 @@ class Session:
             ended = Ended(False, "stopped by the operator")
         finally:
             self._close()
-        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked, displaced=self._displaced)
+        return replace(ended, safe=ended.safe and self._safe)
 
     def _look_back(self) -> None:
         """Count earlier sessions for the stop rules."""
@@ -162,12 +159,13 @@ class Session:
             self.stops.count(self.campaign.warm_up.plan, begun[0])
         if self.campaign.file.stop.max_scatter is not None:
             for run in self.campaign.runs:
-                if run.number in self.journal.done.completed and (broken := self._found(run).broken) is not None:
+                done = run.number in self.journal.done.completed
+                if done and (broken := found_of(self.folder / run.folder).broken) is not None:
                     self.stops.take(run.cell, broken.table)
 
     def _all(self) -> Ended:
         for run in self._left:
-            found = self._found(run)
+            found = found_of(self.folder / run.folder)
             if found.completed and found.broken is not None:  # the crash came before the journal could say so
                 self.journal.ended(run.number, "completed", 0.0, len(found.broken.table), found.lost, run.inflates)
                 self.stops.take(run.cell, found.broken.table)
@@ -189,13 +187,10 @@ class Session:
             ended = self._one(None, self.campaign.warm_up_for(run), needs, self.folder / WARM_UP, None)
             if ended is None or not ended.completed:
                 return ended
-        broken = self._found(run).broken
+        broken = found_of(self.folder / run.folder).broken
         own = run.job.experiment if run.job.experiment.source is not None else None
         job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own, run.job.rig)
         return self._one(run, job, needs, self.folder / run.folder, broken)
-
-    def _found(self, run: CampaignRun) -> RunState:
-        return found_of(self.folder / run.folder)
 
     def _one(self, run: CampaignRun | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
         """Make one recording (None: a warm-up); how the session ended; None: it failed and may be tried again."""
@@ -219,7 +214,7 @@ class Session:
             return self._failed(number, e, 0.0, 0)
         seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
         self._safe = result.safe
-        self._displaced = self._displaced or bool(result.displaced)
+        self.displaced = self.displaced or bool(result.displaced)
         if result.outcome != "completed":
             if isinstance(result.error, Stopped):
                 self.journal.ended(number, result.outcome, seconds, len(result.table), lost, False)
@@ -399,7 +394,7 @@ def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool
 def _session(session: Session) -> Result:
     """Do the remaining runs of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
     c, folder, done = session.campaign, session.folder, session.journal.done
-    go_on = resume_command("campaign", folder, c.rig_path)
+    go_on = typed("lab", "campaign", "--resume", folder, "--rig", c.rig_path)
     try:
         ended = session.go()
     except Exception:
@@ -407,10 +402,10 @@ def _session(session: Session) -> Result:
         raise
     again = None if ended.completed else go_on
     data = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
-            "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
+            "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": session.hands.asked,
             "resume": again}  # fmt: skip
-    cut_short = not (ended.completed or ended.displaced)
-    code = 1 if cut_short or not ended.safe else 3 if done.lost or ended.displaced else 0
+    cut_short = not (ended.completed or session.displaced)
+    code = 1 if cut_short or not ended.safe else 3 if done.lost or session.displaced else 0
 
     def show() -> None:
         word = "completed" if ended.completed else f"ended: {ended.why}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -163,8 +162,8 @@ def _drawn(story: Investigation, path: Path) -> Path:
 
 
 PREDICTED, PROTOCOL = "predicted.json", "protocol.yaml"
-NEEDED = {"markers": "markers on the body, named in rig.yaml under instruments.mocap.markers"}
-"""What an experiment takes beyond instruments, by its id."""
+MARKERS = "markers"
+"""Id of the experiment that takes more than instruments: markers on the body."""
 
 
 class RigLaboratory:
@@ -204,8 +203,8 @@ class RigLaboratory:
             found = job(Source(proposal.id, dict(proposal.protocol), {}), self._wanted.rig, self._wanted.set, rig=self._rig)
         except (ConfigError, ProtocolError) as e:
             return str(e).splitlines()[0]
-        if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):
-            return f"needs {NEEDED[proposal.id]}"
+        if proposal.id == MARKERS and not getattr(found.rig.instruments.mocap, "markers", None):
+            return "needs markers on the body, named in rig.yaml under instruments.mocap.markers"
         return replace(found, labels={"investigation": self._wanted.out.name, **self._labels})
 
     def perform(self, predicted: Predicted) -> Case:
@@ -275,13 +274,11 @@ def run(w: argparse.Namespace) -> Result:
 
     ended: BaseException | None = None
     investigation: Investigation | None = None
-    cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
     try:
-        with for_case(cores) as processes_for, page_where(w.watch, say) as site.page:
+        with for_case(w.workers) as processes_for, page_where(w.watch, say) as site.page:
             if site.page is not None:
                 say(f"watch it at {site.page.address}")
-            workers = processes_for(len(case.table))
-            fits = Executor(progress=weighing.step, remote_map=None if workers is None else workers.in_order)
+            fits = Executor(progress=weighing.step, remote_map=processes_for(len(case.table)))
             investigation = investigate(case, site, Options(catalogue=weighed, executor=fits), minutes, w.experiments, diagnosed)
     except (ProtocolError, InstrumentError, RecordingError, KeyboardInterrupt) as e:
         ended = e

@@ -11,6 +11,7 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import yaml
 from jinja2 import Environment, FileSystemLoader
@@ -107,20 +108,6 @@ class Marks:
         return made + Markup.escape(text[end:])
 
 
-@dataclass(frozen=True)
-class Item:
-    """A paragraph, a figure or a table."""
-
-    kind: str
-    text: str = ""
-    caption: str = ""
-    data: Sequence[str] = ()
-    head: Sequence[str] = ()
-    rows: Sequence[Sequence[str]] = ()
-    kinds: Sequence[str] = ()
-    """Class of each column: `n` numbers, `v` what begins with a number, empty: words."""
-
-
 @dataclass
 class PageSection:
     """A heading and what stands under it."""
@@ -128,29 +115,30 @@ class PageSection:
     title: str
     folded: bool = False
     """Shown as its heading alone until it is opened."""
-    items: list[Item] = field(default_factory=list)
+    items: list[dict[str, Any]] = field(default_factory=list)
+    """Paragraphs, figures and tables, as the template takes them."""
 
     def text(self, *texts: str) -> PageSection:
         """Add paragraphs."""
-        self.items += [Item("text", text=text) for text in texts]
+        self.items += [{"kind": "text", "text": text} for text in texts]
         return self
 
     def figure(self, pictures: Path | Sequence[Path], caption: str) -> PageSection:
         """Add a picture (.svg or .png) or panels in rows, as images, so that nothing in them can run."""
         panels = [pictures] if isinstance(pictures, Path) else pictures
         data = [f"data:{IMAGES[p.suffix]};base64,{base64.b64encode(p.read_bytes()).decode()}" for p in panels]
-        self.items.append(Item("figure", caption=caption, data=data))
+        self.items.append({"kind": "figure", "caption": caption, "data": data})
         return self
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> PageSection:
         """Add a table; one without rows is left out."""
         if not rows:
             return self
-        kinds = [""]
+        kinds = [""]  # class of each column: `n` numbers, `v` what begins with a number, empty: words
         for column in list(zip(*rows, strict=True))[1:]:
             begins = "v" if all(BEGINS.match(cell) for cell in column) else ""
             kinds.append("n" if all(NUMBER.fullmatch(cell) for cell in column) else begins)
-        self.items.append(Item("table", head=head, rows=rows, kinds=kinds))
+        self.items.append({"kind": "table", "head": head, "rows": rows, "kinds": kinds})
         return self
 
 

@@ -54,9 +54,7 @@ def recorded(sample: Any, chambers: ChamberMap) -> Any:
 
 
 ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
-"""The order of connecting: what only reads or holds nothing first, what moves last."""
-FIRST = 1
-"""So many come before the lab's own sensors."""
+"""The order of connecting: what only reads or holds nothing first, what moves last; the lab's own sensors follow the first."""
 
 
 class Rig(contextlib.AbstractContextManager["Rig"]):
@@ -117,7 +115,7 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
     def names(self) -> list[str]:
         """The instruments that rig.yaml has, in the order of connecting."""
         present = [n for n in REMOTES if getattr(self.file.instruments, n) is not None]
-        return [n for n in (*ORDER[:FIRST], *self.sensors, *ORDER[FIRST:]) if n in present or n in self.streams]
+        return [n for n in (ORDER[0], *self.sensors, *ORDER[1:]) if n in present or n in self.streams]
 
     def open(self, name: str) -> Identity:
         """Connect one instrument; raises InstrumentError, and ConfigError where only a fake may be."""
@@ -137,18 +135,17 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
         wanted = {*needs, "pressure", *self.sensors, *(("arm_state",) if "arm" in needs else ())}
         return [name for name in self.names if name in wanted]
 
-    def open_all(
-        self, announce: Callable[[str, Identity | InstrumentError], None], names: Sequence[str] | None = None
-    ) -> list[InstrumentError]:
-        """Connect everything, or `names`, telling each outcome; returns what failed. Raises ConfigError where fakes ended."""
+    def open_all(self, say: Callable[[str], object], names: Sequence[str] | None = None) -> dict[str, InstrumentError]:
+        """Connect everything, or `names`, saying what each is; returns what failed, by name. Raises ConfigError where fakes
+        ended."""
         demand_running(self.file)
-        failures: list[InstrumentError] = []
+        failures: dict[str, InstrumentError] = {}
         for name in self.names if names is None else names:
             try:
-                announce(name, self.open(name))
+                identity = self.open(name)
+                say(f"  {name}: {identity.maker} {identity.model} {identity.serial}".rstrip())
             except InstrumentError as e:
-                failures.append(e)
-                announce(name, e)
+                failures[name] = e
         return failures
 
     # -- samples

@@ -319,14 +319,8 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
         place(rig_path).unlink(missing_ok=True)  # this check takes its place, whatever it finds, also other adapters
     moved, said = list[Moved](), list[str]()
     with Rig(file, despite_latch=robot is None) as rig:
-        outcome: dict[str, Identity | InstrumentError] = {}
-
-        def note(name: str, result: Identity | InstrumentError) -> None:
-            outcome[name] = result
-            if not isinstance(result, InstrumentError):
-                out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip(), style="dim")
-
-        failures = rig.open_all(note)
+        failures = rig.open_all(lambda line: out.print(line, style="dim"))
+        outcome: dict[str, Identity | InstrumentError] = {**rig.identities, **failures}
         counts_before, lost_before = dict(rig.counts), rig.lost()
         span, seen = _listen(rig, counts_before, seconds)
         rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
@@ -349,7 +343,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
         if scatter:
             sd = ", ".join(f"{axis} {value:.2g} mm" for axis, value in zip("xyz", scatter, strict=True))
             out.print(f"mocap: the tip at rest scatters by {sd} (sd; OptiTrack promises less than 0.5 mm)", soft_wrap=True)
-        for f in failures:
+        for f in failures.values():
             err.print(f"missing: {f}")
         for r in (r for r in rows if not r["ok"] and "samples" in r):
             err.print(f"silent: {r['instrument']}: {r['problem']}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
@@ -70,17 +69,15 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
     """Diagnose recordings or a case. Raises ConfigError, BadEffect, RecordingError."""
     demand_writable(wanted.json, wanted.report)
     demand_free(wanted.protocols, replace=wanted.replace, inputs=inputs)
-    cores, scheduler = wanted.workers if wanted.workers is not None else len(os.sched_getaffinity(0)), wanted.scheduler
-    if cores < 1:
-        raise ConfigError(f"--workers {cores}: must be at least 1")
+    scheduler = wanted.scheduler
     with ExitStack() as open_while_diagnosed:
-        pool_for = open_while_diagnosed.enter_context(for_case(1 if scheduler is not None else cores))
+        pool_for = open_while_diagnosed.enter_context(for_case(wanted.workers if scheduler is None else 1))
         case = read_case(inputs, robot)
         if wanted.baseline is not None or wanted.simulator is not None:
             case = _of_robot(case)
         note(marked_notes(case.table))
-        remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
-        answer = _answer(case, robot, wanted, Executor(remote_map=None if remote is None else remote.in_order))
+        there = None if scheduler is None else open_while_diagnosed.enter_context(cluster(scheduler)).in_order
+        answer = _answer(case, robot, wanted, Executor(remote_map=there or pool_for(len(case.table))))
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if wanted.json is not None:
         wanted.json.write_text(answer.to_json() + "\n", encoding="utf-8")

@@ -23,8 +23,6 @@ import yaml
 from numpy.typing import NDArray
 from rich.padding import Padding
 
-from drivers.errors import InstrumentError
-from drivers.interfaces import Identity
 from model.robot import Robot
 from protocols.errors import BadProtocol, NotReached, Stopped
 from protocols.experiment import Plan, Step, Trials
@@ -398,7 +396,7 @@ def run(
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
-    again = None if result.outcome == "completed" else resume_command("run", result.file, rig_path)
+    again = None if result.outcome == "completed" else typed("lab", "run", "--resume", result.file, "--rig", rig_path)
     warn(rig.notices)
     poses: dict[str, Any] = {}
     with contextlib.suppress(RecordingError):  # one that cannot be read has no poses
@@ -442,11 +440,6 @@ def note_unverified(rig_path: Path, rig: RigFile) -> None:
         out.print(text, soft_wrap=True)
 
 
-def resume_command(verb: str, place: Path, rig_path: Path) -> str:
-    """The command that continues a run or campaign which ended early."""
-    return typed("lab", verb, "--resume", place, "--rig", rig_path)
-
-
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
     """Return the job of an interrupted run on the present rig. Raises ConfigError if the robot differs.
 
@@ -461,16 +454,12 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
 def connect(rig: Rig, needs: Sequence[str] | None, quiet: bool = False) -> None:
     """Open the instruments of an experiment with these needs, or all. Raises the first InstrumentError after trying all."""
     quiet = quiet or out.quiet
-
-    def announce(name: str, result: Identity | InstrumentError) -> None:
-        if not (quiet or isinstance(result, InstrumentError)):
-            out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
-
-    failures = rig.open_all(announce, None if needs is None else rig.needed(needs))
+    failures = rig.open_all(str if quiet else out.print, None if needs is None else rig.needed(needs))
     if failures:
-        for failure in () if quiet else failures[1:]:
+        first, *others = failures.values()
+        for failure in () if quiet else others:
             err.print(str(failure))
-        raise failures[0]
+        raise first
 
 
 def recording_of(folder: Path, protocol: str, started_ns: int) -> Path:

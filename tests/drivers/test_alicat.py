@@ -59,17 +59,6 @@ def test_opening_tells_the_serial_numbers_of_the_units_in_their_order(make: Make
     assert [part.split(":")[0] for part in identity.serial.split(", ")] == ["A", "B", "C"]
 
 
-def test_nine_units_make_nine_channels(bench: Bench, opened: Make, plant: Plant) -> None:
-    chambers = [(i,) for i in range(1, 10)]
-    nine = bench.started(AlicatFake(plant, bench.clock, "ABCDEFGHI", chambers))
-    regulators = opened(port=nine.port, units=tuple("ABCDEFGHI"), chambers=tuple(chambers))
-    bench.clock.sleep(1.0)
-    wanted = tuple(1e3 * i for i in range(1, 10))
-    assert regulators.set(wanted) == pytest.approx(wanted) and plant.regulator.tolist() == pytest.approx(wanted)
-    regulators.close()
-    assert plant.regulator.tolist() == [0.0] * 9
-
-
 # -- set-points
 def test_what_is_above_the_limit_is_clipped_and_never_sent(bench: Bench, opened: Make, fake: AlicatFake) -> None:
     regulators = opened(max_pressure=20_004.0)

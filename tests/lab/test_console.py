@@ -21,7 +21,6 @@ from lab.pages.figures import STYLE, save
 from lab.pages.report import Report
 from lab.plain import plain
 from lab.verbs import fakes, recorded
-from lab.verbs.check import _table
 
 pytestmark = pytest.mark.usefixtures("drawn")
 
@@ -109,14 +108,6 @@ def test_the_address_of_the_page_is_printed_once_a_campaign(capsys: pytest.Captu
         for _ in range(3):
             screen.watched("http://127.0.0.1:2/y/")
     assert capsys.readouterr().out.count("http://127.0.0.1:2/y/") == 1
-
-
-def test_the_table_of_lab_check_is_plain() -> None:
-    sound = {"instrument": "arm", "ok": True, **dict.fromkeys(("maker", "model", "serial", "firmware"), HOSTILE)}
-    rows = [{"instrument": "valve", "ok": False, "problem": HOSTILE}, sound | {"limits": {}}]
-    text = io.StringIO()
-    PlainConsole(file=text, width=1000).print(_table(HOSTILE, rows, 1.0))
-    assert text.getvalue().count(SHOWN) == 5 and "missing" in text.getvalue()
 
 
 def test_an_error_that_ends_the_command_is_plain(monkeypatch: pytest.MonkeyPatch, cli: Cli, tmp_path: Path) -> None:

@@ -100,18 +100,6 @@ def test_no_file_is_written_through_a_link(words: Sequence[str], case: Path, tmp
     assert not any((out / name).is_symlink() for name in names)
 
 
-def test_no_folder_of_a_recording_is_a_link(tmp_path: Path, cli: Cli) -> None:
-    files = recordings(tmp_path, "a", "b")
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "kept").write_text(PRECIOUS)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "b-run").symlink_to(tmp_path / "elsewhere")
-    assert "holds b-run, which would remain" in cli("export", *files, "--out", tmp_path / "out", code=2).flat_err
-    cli("export", *files, "--out", tmp_path / "out", "--replace")
-    assert not (tmp_path / "out" / "b-run").is_symlink()
-    assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["kept"]
-
-
 # ------------------------------------------------------------------ one folder, one output
 def recordings(place: Path, *folders: str) -> list[Path]:
     """Recordings of the same name, each in a folder of its own."""

@@ -105,7 +105,7 @@ def test_check_shows_names_and_answers_plain_and_limits_with_units(virtual_lab: 
         virtual_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
         said = cli("check", "--rig", rig, "--seconds", "0.3", code=1)
         assert "\x1b" not in said.out + said.err
-        assert "missing: valve" in said.err and "[/red]" in said.err and "[/red]" in said.out
+        assert "missing: valve" in said.err and "[/red]" in said.err and "[/red]" in said.out and "missing" in said.out
 
 
 def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(real_lab: VirtualLab, tmp_path: Path) -> None:

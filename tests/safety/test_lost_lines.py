@@ -135,7 +135,7 @@ def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_report
     events: list[Event] = []
     with Rig(load_rig(small.rig)) as rig:
         rig.actuators._on_event = events.append
-        assert rig.open_all(lambda name, outcome: None) == []
+        assert rig.open_all(str) == {}
         inflate(rig, small)
         small.fakes.switch.begin("pressure", "disconnect")
         assert until(lambda: any(e.kind == "landed" for e in events))
