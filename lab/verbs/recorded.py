@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -29,9 +30,9 @@ from recordings.messages import is_stream
 from recordings.trials import counted
 
 from ..console import clock, note, out
-from ..files.config import ConfigError, check, parse_yaml
+from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
-from ..files.rig_file import RigFile
+from ..files.units import UnitError, to_si
 from ..options import READS, Result, Verb, option, path_option, repeatable
 from ..plain import typed
 
@@ -116,12 +117,24 @@ POLLED = ("/pressure", "/spine", "/vacuum", "/valve")
 def _rig_of(file: Path) -> tuple[float, dict[str, float]]:
     """Speed of the rig's clock, and rates (Hz of rig time) by topic, from the attached rig.yaml; 1 and none without one."""
     try:
-        rig = check(parse_yaml(attached(Recording.open(file, truncated=True), "rig.yaml"), "rig.yaml"), RigFile)
+        rig = parse_yaml(attached(Recording.open(file, truncated=True), "rig.yaml"), "rig.yaml").data
+        speed = _number(rig, "clock", "speed", unit="1") or 1.0
     except ConfigError:
         return 1.0, {}
-    rates, frames = dict.fromkeys(POLLED, rig.poll), getattr(rig.instruments.mocap, "rate", None)  # of some drivers
-    rates |= {} if frames is None else dict.fromkeys(("/tip", "/tip/pose"), frames)
-    return rig.clock.speed, {topic: rate / rig.clock.speed for topic, rate in rates.items()}
+    rates = {topic: _number(rig, "poll", unit="Hz") for topic in POLLED}
+    rates |= dict.fromkeys(("/tip", "/tip/pose"), _number(rig, "instruments", "mocap", "rate", unit="Hz"))
+    return speed, {topic: rate / speed for topic, rate in rates.items() if rate is not None}
+
+
+def _number(data: object, *keys: str, unit: str) -> float | None:
+    """A positive number within tables, in `unit`; None where there is none."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, dict) else None
+    try:
+        value = to_si(str(data), unit)
+    except UnitError:
+        return None
+    return value if 0 < value < math.inf else None
 
 
 def said(request: Request) -> str:

@@ -21,7 +21,7 @@ RECORDING = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm", "/valve", "/state", "/trial")
 PRESSURES = (30e3, 0.0, 0.0)
 PLAN = {"protocol": "puffs", "states": 2}
-RIG = b"name: bench\nrobot: robot.yaml\ninstruments: {}\npoll: 20 Hz\nclock: {speed: 10}\n"
+RIG = b"poll: 20 Hz\nclock: {speed: 10}\ninstruments: {mocap: {rate: 60}}\n"
 
 
 # ------------------------------------------------------------------ several
