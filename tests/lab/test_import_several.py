@@ -156,7 +156,7 @@ def test_a_place_far_from_its_repeats_is_left_out_and_places_that_scatter_are_no
     repeated = Table.joined([replace(table, warnings=()).replaced({x: table[x] + own}) for own in noise])
     bad = repeated.replaced({x: repeated[x] + 0.012 * (np.arange(3 * STATES) == 2 * STATES + 8)})
     with pytest.warns(
-        match=f"trial .* step .*: {('the tip', 'marker 1')[body]} is 1[12][.]. mm from the middle of its repeats"
+        match=f"trial .* step .*: {('the tip', 'marker 1')[body]} is 1[12][.]. mm from its repeats"
     ) as said:
         kept = lab.case(bad.to_pandas(), ROBOT).table
     assert len(said) == 1 and len(kept) == 3 * STATES - (body == 0) and np.isnan(kept.markers).sum() == 3 * (body == 1)

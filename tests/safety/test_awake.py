@@ -9,7 +9,6 @@ import timing
 from lab.guard.pulse import LONGEST_LOOK, Awake
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
-from lab.verbs.run import slower
 
 
 class Host:
@@ -53,8 +52,3 @@ def test_a_guard_that_was_lost_tells_what_it_had_of_a_busy_computer(
         ActuatorsLost, match=r"no answer within 0 s; the guard has had \d+\.\d s of processor time; this computer is"
     ):
         rig.actuators._answer(-1, "start", 0.0)
-
-
-@pytest.mark.parametrize("speed", [1.2, 2.0, 5.0, 20.0, 200.0])
-def test_the_speed_that_is_advised_is_below_the_present_one(speed: float) -> None:
-    assert 1.0 <= slower(speed) < speed
