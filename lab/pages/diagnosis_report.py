@@ -289,9 +289,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
-    s.table(("hypothesis", "probability", "log evidence, in-sample", "unseen states, mm"), rows)
-    if why := sentences.disorder(d.attribute.ranking):
-        s.text(why)
+    s.table(("hypothesis", "probability, by all fits", "log evidence of one fit, in-sample", "unseen states, mm"), rows)
 
 
 def _misfit(s: PageSection, d: Diagnosis) -> None:
