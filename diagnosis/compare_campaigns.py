@@ -22,7 +22,6 @@ from .answer.attribute import weighed
 from .answer.headline import OUTSIDE, for_people, plain_name, with_id
 from .answer.result import Change
 from .arrays import Array
-from .criticism.gaussian import misfit_diagnostics
 from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import Case, states
@@ -63,11 +62,8 @@ def compare_campaigns(
     measured, n = np.concatenate([first.observed, second.observed]), len(first.observed)
     joined = Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))
     w = weighed(joined, [replace(part, rows=part.rows + n) for part in parts(after)], executor)
-    earlier, later_trials = (p.states.trial[p.labels.state] for p in (before, after))
-    trials = np.concatenate([earlier, later_trials + earlier.max() + 1])
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
-    misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
-    odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
+    odds = odds_outside(w.search.tried, (), w.best.weighed.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
     ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
     named, parameters = ranked.ranking[0][0], w.search.problem.parameters
     of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ..arrays import rms
-from ..criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
+from ..criticism.gaussian import Gaussian, outlier_trial
 from ..criticism.outside import odds_outside, related
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
@@ -38,7 +38,8 @@ class Attribution:
     """Stands for what is named: the hypothesis of just that, or the most probable that holds it."""
     calibrated: Fit
     """The baseline: area factor and tolerances fitted, no effect."""
-    misfit: MisfitDiagnostics
+    outlier_trial: int | None
+    """The trial that the others contradict most, if one does."""
     decision: Decision
     distinguishability: Distinguishability
     budget: Budget
@@ -104,11 +105,11 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
     `stages`: effect -> stage."""
     w = begun.weighed
     leading, best, candidates = w.leading, w.best, w.whole.candidates
-    misfit = misfit_diagnostics(p.problem, leading, p.states.trial[p.labels.state], p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause: the least gain.
     free_forms = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
     (relatives,) = begun.relatives()
-    odds = odds_outside(w.search.tried, relatives, total_gain(free_forms), misfit.excess_scatter, len(p.problem.parameters.ids))
+    excess_scatter, effects = p.noise_components.excess_scatter, len(p.problem.parameters.ids)
+    odds = odds_outside(w.search.tried, relatives, total_gain(free_forms), excess_scatter, effects)
     ranked = with_unknown(w.known, candidates[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     floors_at_least = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
@@ -126,7 +127,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         posterior=ranked,
         best=best,
         calibrated=begun.calibrated,
-        misfit=misfit,
+        outlier_trial=outlier_trial(p.problem, leading, p.states.trial[p.labels.state]),
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,

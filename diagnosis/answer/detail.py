@@ -30,7 +30,11 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Ma
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     named_sizes = f.sizes(f.best, fitted)
     section: dict[str, Any] = {
-        "misfit": asdict(f.misfit),
+        "misfit": {
+            "excess_scatter": p.noise_components.excess_scatter,
+            "outlier_trial": f.outlier_trial,
+            "law_error_gain": f.best.weighed.law_error_gain,
+        },
         "best_hypothesis": list(f.best.named),
         "actuators": p.robot.actuators.words.kind,
         "calibrated_on": BENCHMARK,

@@ -6,7 +6,6 @@ No two sentences of one answer contradict each other: what is "not explained" le
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -22,13 +21,12 @@ from ..data.noise_components import PRESSURE
 from ..data.plausible import differ_by
 from ..findings import Finding, finding
 from ..inference.fit import Fit
-from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
 from .decision import share_closed
 from .headline import for_people, percent, plain_name, relative, stated, with_id
-from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
+from .result import Alike, Calibration, Carries, Diagnosis, SetUp, Shrink, Waterfall
 from .size import Size
 from .verdict import stage
 
@@ -498,14 +496,3 @@ def held_out(d: Diagnosis) -> str:
         "open": f"this neither confirms nor contradicts {named}{one_trial * (h.trials == 1)}",
     }[h.verdict]
     return f"{closed}; {verdict}."
-
-
-def disorder(ranking: Sequence[Ranked]) -> str:
-    """Why probability and evidence disagree in order; empty if they agree. `unknown` is left out: it has no evidence."""
-    listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= judgement.LEAST_STATED]
-    if not any(a.probability > b.probability and a.log_evidence < b.log_evidence for a, b in combinations(listed, 2)):
-        return ""
-    return (
-        "Probability and evidence differ in order. The log evidence is that of one fit. The probability counts, over the fits of "
-        "all hypotheses, how often an effect moves readings by more than the noise floor; naming more effects lowers its prior."
-    )

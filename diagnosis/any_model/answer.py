@@ -88,7 +88,6 @@ class Answer(Decision, Shown):
 
     says: tuple[str, ...]
     """The causes as sentences."""
-    stages: Mapping[str, str]
     ranking: tuple[Ranked, ...]
     """Most probable first."""
     calibration: Mapping[str, tuple[float, str]]

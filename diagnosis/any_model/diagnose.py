@@ -157,7 +157,6 @@ class _Diagnosis:
         return Answer(
             **vars(replace(decision, relatives=as_well)),
             says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
-            stages={e: self._causes[e].stage for e in decision.effects},
             calibration={p.key: (at_fit[p.key], p.unit) for p in b.parameters if p.group == "calibration"},
             cannot_tell_apart=distinguishability(b.problem, w.best, ranked).groups(ranked), steps=tuple(steps),
             how=how, share_closed=closed if decision.effects else None,

@@ -7,10 +7,8 @@ forms of a known cause differ (law error). Both make a cause outside the catalog
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.special import chdtrc, logsumexp
+from scipy.special import chdtrc
 
 from ..arrays import Array, Ints, Mask
 from ..inference.candidate import Candidate
@@ -60,42 +58,12 @@ class Gaussian:
         return np.asarray(columns.T @ columns - self._factors.quadratic(self._x.against(columns)))
 
 
-@dataclass(frozen=True)
-class MisfitDiagnostics:
-    """Misfit diagnostics around the best hypothesis."""
-
-    lack_of_fit: float
-    """Squared misfit per degree of freedom after the fit, without discrepancy; 1 where the model holds."""
-    excess_scatter: float
-    """Factor by which repeats scatter more than the default, see `NoiseComponents`."""
-    outlier_trial: int | None
-    """The trial that the others predict worst, where its p-value times the number of trials is below 0.001."""
-    law_error_gain: float
-    """Log evidence that the largest share of model-form error adds to the least, under the answer's hypothesis; 0 without any."""
-
-
-def misfit_diagnostics(
-    problem: Problem, best: Candidate, trial: Ints, excess_scatter: float, answer: Candidate
-) -> MisfitDiagnostics:
-    """All diagnostics around the best hypothesis.
-
-    `trial` (n,) number of each measured value's trial; `excess_scatter` as in `NoiseComponents`; `answer` the hypothesis named.
-    """
-    linear, prior, law_error = best.fit.linear(problem), best.prior(problem.parameters), best.grid_point.form_error
-    law_error_gain = 0.0
-    if (linear if answer is best else answer.fit.linear(problem)).form_error.shape[1]:
-        by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1))  # all shares are equally probable before
-        law_error_gain = float(by_share[-1] - by_share[0])
-    g = Gaussian(linear, prior, 0.0, law_error)
-    free = len(g.residual) - g._x.shape[1] + g._factors.inverse_trace
-    lack_of_fit = float(g.residual @ g.residual) / max(free, 1.0)  # squared residual per remaining degree of freedom
-    predictive, trials = Gaussian(linear, prior, max(best.grid_point.size, PREDICTIVE_DISCREPANCY), law_error), np.unique(trial)
+def outlier_trial(problem: Problem, best: Candidate, trial: Ints) -> int | None:
+    """The trial that the others predict worst under the best hypothesis, where its p-value times the number of trials is below
+    0.001; `trial` (n,) number of each measured value's trial."""
+    size, trials = max(best.grid_point.size, PREDICTIVE_DISCREPANCY), np.unique(trial)
+    predictive = Gaussian(best.fit.linear(problem), best.prior(problem.parameters), size, best.grid_point.form_error)
     surprise, value_count = np.array([predictive.surprise(trial == t) for t in trials]).T
     probability = chdtrc(value_count, surprise)
     worst = int(np.argmin(probability))
-    return MisfitDiagnostics(
-        lack_of_fit=lack_of_fit,
-        excess_scatter=excess_scatter,
-        outlier_trial=int(trials[worst]) if probability[worst] * len(trials) < 1e-3 else None,
-        law_error_gain=law_error_gain,
-    )
+    return int(trials[worst]) if probability[worst] * len(trials) < 1e-3 else None

@@ -153,14 +153,6 @@ class Factors:
         row, column = np.nonzero(np.arange(unit.shape[1]) < sizes[part][:, None])
         return csr_array((solved[row, column], (row, order[begin[part[row]] + column])), shape=(count, count))
 
-    @property
-    def inverse_trace(self) -> float:
-        """Trace of the inverse."""
-        turned = solve_triangular(self.root, self._pulled.T, lower=True, check_finite=False)
-        of_shared = np.linalg.inv(self.root)
-        local = float(self._local_inverse.diagonal().sum()) if self._local is not None else 0.0
-        return local + float((turned**2).sum() + (of_shared**2).sum())
-
     def covariance(self, dense: Array, sparse: csr_array) -> Array:
         """(r, r) X A^-1 X^T of rows X = [dense sparse], (r, s) in the order of `Arrow.at` and (r, l)."""
         half = solve_triangular(self.root, (dense - sparse @ self._pulled).T, lower=True, check_finite=False)

@@ -86,6 +86,12 @@ class Weighed:
         i, j, k = np.unravel_index(int(np.argmax(self.log_terms)), self.log_terms.shape)
         return GridPoint(float(grid.spikes[i]), float(grid.sizes[j]), float(grid.form_errors[k]))
 
+    @property
+    def law_error_gain(self) -> float:
+        """Log evidence that the largest share of model-form error adds to the least; 0 without any."""
+        by_share = logsumexp(self.log_terms, axis=(0, 1))  # all shares are equally probable before
+        return float(by_share[-1] - by_share[0])
+
 
 def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence[Hypothesis]) -> list[Weighed]:
     """Log evidence of hypotheses in one linear problem.

@@ -30,12 +30,9 @@ from .figures import numbers as sensor_numbers
 from .figures import sensors as draw_sensors
 from .report import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE, CommandCell, PageSection, Report
 
-OUTLIER, SURPRISE = "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {
-    "lack_of_fit": "chi-square per degree of freedom",
     "excess_scatter": "excess scatter of repeats, factor",
-    OUTLIER: "trial that the others predict worst",
-    SURPRISE: "its chi-square per value",
+    "outlier_trial": "trial that the others predict worst",
     "law_error_gain": "log evidence gained by large model-form errors",
 }
 """Keys of `detail.misfit` in diagnosis.json -> labels on the page."""
@@ -292,9 +289,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
-    s.table(("hypothesis", "probability", "log evidence, in-sample", "unseen states, mm"), rows)
-    if why := sentences.disorder(d.attribute.ranking):
-        s.text(why)
+    s.table(("hypothesis", "probability, by all fits", "log evidence of one fit, in-sample", "unseen states, mm"), rows)
 
 
 def _misfit(s: PageSection, d: Diagnosis) -> None:
@@ -307,8 +302,7 @@ def _misfit(s: PageSection, d: Diagnosis) -> None:
             [[e.stage, d.words.fill(in_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
         )
     found = d.detail["misfit"]
-    shown = [key for key in MISFIT_LABELS if key in found and (key != SURPRISE or found.get(OUTLIER) is not None)]
-    rows = [[MISFIT_LABELS[key], "none" if found[key] is None else f"{found[key]:.3g}"] for key in shown]
+    rows = [[MISFIT_LABELS[key], "none" if found[key] is None else f"{found[key]:.3g}"] for key in MISFIT_LABELS if key in found]
     s.table(("misfit diagnostic", "value"), rows)
 
 

@@ -15,7 +15,7 @@ from rich.table import Table as Sheet
 from diagnosis.answer.experiments import columns, to_apply
 from diagnosis.answer.headline import sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
-from diagnosis.answer.sentences import disorder, stands_for
+from diagnosis.answer.sentences import stands_for
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
@@ -205,8 +205,6 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     if d.change is not None:
         out.print(d.change.statement)
     out.print(ranked(d.attribute.ranking, d.words))
-    if why := disorder(d.attribute.ranking):
-        out.print(why)
     if origins := stands_for(d.calibration, d.words):
         out.print(f"{origins}.")
     if not d.next_experiment:
@@ -227,7 +225,7 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     """The hypotheses as a table, most probable first."""
-    t = titled("What the data support", ("hypothesis", "p", "log evidence", "unseen states", "size"))
+    t = titled("What the data support", ("hypothesis", "p, by all fits", "log evidence, of one fit", "unseen states", "size"))
     for r in (r for r in ranking if r.probability >= LEAST_STATED):
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
         evidence = f"{r.log_evidence:.1f}".replace("nan", "")
