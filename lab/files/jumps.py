@@ -46,9 +46,9 @@ CHANGED = 0.1
 AGAINST = 2
 """Fewest other states that must contradict a state before it is left out."""
 TIMES_SCATTER, STRAY, FEW = 10.0, 0.04, 0.025
-"""Times the usual distance of a place from the middle of its repeats, and robot lengths, beyond which it is none of them (of 96
-robots made up, some with laws that snap, one state in 231 is 0.034 lengths away); the share of all states up to which such a place
-is a mistake: what lasts for a trial, such as a slip of the mount, makes more."""
+"""Times the usual distance of a place from its repeats, and robot lengths, beyond which it is none of them (of 96 robots made up,
+some with laws that snap, one state in 231 is 0.034 lengths away); the share of all states up to which such a place is a mistake:
+what lasts for a trial, such as a slip of the mount, makes more."""
 COPIED = 6
 """States in a row that repeat earlier ones to the last digit before they are copies: readings in whole mm may do so by chance."""
 BODIES = ("the tip", *(f"marker {k}" for k in range(1, 100)))
