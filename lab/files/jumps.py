@@ -16,6 +16,7 @@ import numpy as np
 from diagnosis.arrays import rows_by
 from diagnosis.data.case import campaign_of, finite
 from diagnosis.data.levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
+from diagnosis.data.plausible import FARTHEST
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
@@ -207,12 +208,17 @@ def _left_out(table: Table, said: Mapping[tuple[int, int], str]) -> Table:
 
 def strays(table: Table, length: float) -> Iterator[tuple[tuple[int, int], str]]:
     """Places (state, body) far from the median of their state's repeats, by `TIMES_SCATTER` times what is usual and by `STRAY`
-    lengths (m), and what to say of each; of two repeats, both. None where more than `FEW` of all states are so: the readings of
-    that table scatter like that."""
+    lengths (m), and those out of reach; and what to say of each; of two repeats, both. None where more than `FEW` of all states
+    are so: the readings of that table are like that."""
     every = np.arange(len(table))
     own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
-        off, seen = np.full(len(own), np.nan), np.flatnonzero(np.isfinite(place).all(axis=1))
+        reach = np.linalg.norm(place, axis=1)
+        off, seen = np.full(len(own), np.nan), np.flatnonzero(reach <= FARTHEST * length)
+        lost = np.flatnonzero(reach > FARTHEST * length)
+        for i in lost.tolist() if len(lost) <= FEW * len(own) else ():
+            away = f"{reach[i]:.3g} m from the base, farther than a body of {length:g} m reaches: left out"
+            yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
         for repeats in (seen[rows] for rows in rows_by(own.condition[seen]) if rows.size > 1):
             middle = np.median(place[repeats], axis=0) if repeats.size > 2 else place[repeats[::-1]]  # of two, the other one
             off[repeats] = np.linalg.norm(place[repeats] - middle, axis=1)

@@ -41,11 +41,13 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     wanted = map_of(given, robot.actuators.words)
     with Screen("import") as screen:
         result = imported(inputs, wanted, robot, screen.progress)
-    reading = judged(robot, result.table)
+    credible = believed(replace(result.table, warnings=()), robot)
+    reading = judged(robot, credible)
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
-    not_believed = believed(replace(result.table, warnings=()), robot).warnings
-    result = replace(result, notes=(*result.notes, *not_believed, *doubts(robot, result.table, str(robot_path)), *reading.asked))
+    result = replace(
+        result, notes=(*result.notes, *credible.warnings, *doubts(robot, result.table, str(robot_path)), *reading.asked)
+    )
     with whole(folder, OWN, replace_all, inputs) as (place, word):
         copied(robot_path, place / "robot.yaml")
         copied(map_path, place / MAP)
