@@ -22,7 +22,7 @@ Reading:
     campaign.replay.compare(recording) -> ReplayComparison    equal to the last bit, or where not
     table_file.read_csv(path), write_csv(table, path)   trials.csv
     campaign.info.info(path), campaign.export.export_streams, campaign.export.export_case
-    file.clocks.clocks(recording), file.clocks.aligned(recording, "/tip")     the instruments' own clocks
+    campaign.info.info(path).clocks, file.clocks.aligned(recording, "/tip")     the instruments' own clocks
 
 Keeping:
 

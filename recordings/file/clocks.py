@@ -130,13 +130,6 @@ def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     return stamps.model
 
 
-def clocks(recording: Recording) -> dict[str, ClockModel]:
-    """The models of all streams that carry device stamps, from the samples in the file."""
-    samples = {topic: recording.stream(topic) for topic in recording.streams if has_stamp(topic)}
-    models = {topic: fit(stream[STAMP], stream["t"]) for topic, stream in samples.items()}
-    return {topic: model for topic, model in models.items() if model is not None}
-
-
 def aligned(recording: Recording, topic: str) -> Numbers:
     """Rig time (s) at which each sample of a stream was taken, by the instrument's own stamp.
 

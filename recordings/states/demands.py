@@ -95,9 +95,9 @@ def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
         for other_name, other_arc, other_place in [("the base", 0.0, np.zeros(3)), *points[:i]]:
             distances = np.linalg.norm(place - other_place, axis=1)
             seen, limit = distances[np.isfinite(distances)], bodies.stretch * abs(arc - other_arc) + SLACK
-            if len(seen) and (over := float(np.median(seen)) - limit) > worst:
-                worst, apart = over, f"{float(np.median(seen)) * 1e3:.0f} mm apart"
-                text = f"{other_name} and {name} are {apart}, the stretched robot allows {limit * 1e3:.0f} mm"
+            if len(seen) and (apart := float(np.median(seen))) - limit > worst:
+                worst = apart - limit
+                text = f"{other_name} and {name} are {apart * 1e3:.0f} mm apart, the stretched robot allows {limit * 1e3:.0f} mm"
     return text
 
 

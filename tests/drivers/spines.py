@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-import pytest
-
 import timing
 from drivers.dynamixel import driver as dynamixel
 from drivers.errors import DeviceFault
@@ -12,7 +10,7 @@ from drivers.interfaces import SpineSample
 from drivers.tmcl import driver as tmcl
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.tmcl import TmclFake
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, raises
 
 DRIVERS: dict[str, tuple[Any, Any, Any]] = {
     "dynamixel": (dynamixel.DynamixelSpine, dynamixel.Config, DynamixelFake),
@@ -59,6 +57,4 @@ def under_way(unit: Any) -> Any:
 
 def fault_of(unit: Any, words: str) -> str:
     """Poll until the unit reports a fault with these words; its message."""
-    with pytest.raises(DeviceFault, match=words) as caught:
-        watch(unit, lambda _: False)
-    return str(caught.value)
+    return raises(DeviceFault, words, watch, unit, lambda _: False)

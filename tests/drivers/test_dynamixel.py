@@ -118,9 +118,7 @@ def test_an_answer_of_another_length_with_a_right_checksum_is_told_from_a_broken
     spine.open()
     content = servo._content
     servo._content = lambda address, size: content(address, size - 1) if size > 20 else content(address, size)
-    with pytest.raises(BadReply, match="with 37 bytes; check that it is an X servo") as caught:
-        spine.read()
-    assert "cable" not in str(caught.value)
+    assert "cable" not in raises(BadReply, "with 37 bytes; check that it is an X servo", spine.read)
 
 
 def test_positions_that_look_like_a_packet_header_are_read_right(make: Make) -> None:

@@ -80,6 +80,16 @@ def test_a_protocol_without_its_instruments_is_refused(virtual_lab: VirtualLab, 
     assert "instruments.mocap" in text and "without cameras use lab run cycles or lab jog" in text
 
 
+def test_what_is_wrong_with_a_robot_is_named_by_file_key_and_value(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
+    rig = changed(virtual_lab, tmp_path, lambda rig: None)
+    wrong = {"outer_radius": -0.05, "youngs_modulus": float("nan"), "lenght": 0.4, "max_pressure": 250}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(yaml.safe_load(paper_robot().read_text()) | wrong))
+    text = cli("plan", "bending", "--rig", rig, code=2).err
+    words = ["outer_radius = -0.05 m", "above 0 m", "youngs_modulus", "finite", "lenght", "did you mean length"]
+    for word in ("robot.yaml", *words, "max_pressure = 250 Pa", "at least 1 kPa; did you mean 250 kPa?"):
+        assert word in text
+
+
 @pytest.mark.parametrize("verb", ["replay", "fit", "compare"])
 @pytest.mark.parametrize("content", [b"", b"not a recording at all", b"\x89MCAP0\r\n" + bytes(200)])
 def test_a_file_that_is_no_recording_says_so(tmp_path: Path, cli: Cli, verb: str, content: bytes) -> None:

@@ -49,9 +49,7 @@ def written(folder: Path, **changes: Any) -> Path:
 def refused(folder: Path, text: str) -> list[str]:
     path = folder / "campaign.yaml"
     path.write_text(text)
-    with pytest.raises(ConfigError) as caught:
-        campaign_of(path, RIG, 0)
-    return [line.removeprefix(f"{path}") for line in str(caught.value).splitlines()]
+    return [line.removeprefix(f"{path}") for line in raises(ConfigError, None, campaign_of, path, RIG, 0).splitlines()]
 
 
 # ------------------------------------------------------------------ order

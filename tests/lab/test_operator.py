@@ -37,6 +37,7 @@ from protocols.steering import LONGEST, Steering
 from recordings.campaign.replay import compare, replay, table_of
 from recordings.file.journal import read
 from recordings.file.reader import Recording
+from tests.simulated.bench import raises
 
 # ------------------------------------------------------------------ who may prepare and confirm
 SETUP = Setup("robot", 0.0, 0.0, 80e3)
@@ -118,11 +119,8 @@ def test_another_user_who_listens_there_is_refused(folder: Path) -> None:
             server.accept()[0].recv(1000)
             os._exit(0)
         try:
-            said = "Connection refused"
-            while "Connection refused" in said:  # until the other user listens
-                with pytest.raises(ProtocolError) as refused:
-                    Program(path).prepare(SETUP)
-                said = str(refused.value)
+            while "Connection refused" in (said := raises(ProtocolError, None, Program(path).prepare, SETUP)):
+                pass  # until the other user listens
             assert f"user {NOBODY} listens there" in said
         finally:
             os.kill(child, 9)

@@ -20,6 +20,7 @@ from lab.verbs.run import job
 from model.robot import Robot
 from protocols.experiment import Push
 from protocols.registry import OWN
+from tests.simulated.bench import raises
 
 RIG = Path(__file__).parents[2] / "examples" / "rig" / "rig.yaml"
 LADDER = '''
@@ -200,9 +201,7 @@ def rig(tmp_path: Path) -> Rig:
 
 def refused(rig: Path, protocol: str, *settings: str) -> list[str]:
     """The lines with which a plan is refused."""
-    with pytest.raises(ConfigError) as caught:
-        job(protocol, rig, list(settings))
-    return str(caught.value).splitlines()
+    return raises(ConfigError, None, job, protocol, rig, list(settings)).splitlines()
 
 
 def test_the_default_protocols_are_within_the_limits_of_the_example(rig: Rig) -> None:

@@ -27,6 +27,7 @@ from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth
 from tests.drivers.test_contract import install
+from tests.simulated.bench import raises
 
 
 # ------------------------------------------------------------------ a first robot and a first rig
@@ -142,9 +143,7 @@ def read(tmp_path: Path, text: str) -> File:
 
 
 def problems(tmp_path: Path, text: str) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        read(tmp_path, text)
-    return str(caught.value).splitlines()
+    return raises(ConfigError, None, read, tmp_path, text).splitlines()
 
 
 def test_quantities_with_units_become_si(tmp_path: Path) -> None:
@@ -190,9 +189,8 @@ def test_a_quantity_of_a_million_characters_is_refused_at_once() -> None:
 
 def test_of_very_many_problems_the_first_are_spelled_out_and_the_rest_is_counted() -> None:
     text = "\n".join(f"key{i}: 1" for i in range(500))
-    with pytest.raises(ConfigError, match=r"and \d+ more problems") as caught:
-        check(parse_yaml(text, "rig.yaml"), File)
-    assert len(str(caught.value).splitlines()) == MOST_PROBLEMS + 1
+    told = raises(ConfigError, r"and \d+ more problems", check, parse_yaml(text, "rig.yaml"), File)
+    assert len(told.splitlines()) == MOST_PROBLEMS + 1
 
 
 def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from model.arm import Arm, ArmModel, arm_from_dict, gravity_torques, load_arm
 from model.arm.kinematics import greatest_torques
 from model.arrays import Array
 from model.errors import BadArm, BadCondition, BadEffect
+from tests.simulated.bench import raises
 
 UR5 = load_arm(Path(__file__).parent.parent.parent / "examples" / "ur5" / "arm.yaml")
 SKEW = {
@@ -163,28 +164,22 @@ LINK = {"a": 0.4, "d": 0.1, "alpha_deg": 90}
     ],
 )
 def test_a_wrong_description_is_one_clear_error(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(BadArm) as raised:
-        arm_from_dict({"name": "arm", "links": [LINK], **change})
-    assert message in str(raised.value) and "\n" not in str(raised.value)
+    told = raises(BadArm, None, arm_from_dict, {"name": "arm", "links": [LINK], **change})
+    assert message in told and "\n" not in told
 
 
 def test_a_file_that_is_no_arm_is_named(tmp_path: Path) -> None:
     path = tmp_path / "arm.yaml"
     for text, message in (("- 1", "holds no table"), ("a: [", "not valid YAML"), ("name: x", "links: Field required")):
         path.write_text(text)
-        with pytest.raises(BadArm, match=message) as raised:
-            load_arm(path)
-        assert str(raised.value).startswith(str(path))
-    with pytest.raises(BadArm, match="cannot be read"):
-        load_arm(tmp_path / "none.yaml")
+        assert raises(BadArm, message, load_arm, path).startswith(str(path))
+    raises(BadArm, "cannot be read", load_arm, tmp_path / "none.yaml")
 
 
 def test_poses_and_parameters_that_make_no_sense_are_refused() -> None:
     model, inputs = ArmModel(UR5), poses(UR5, 2)
-    with pytest.raises(BadEffect, match="'sag2' is no parameter of UR5: did you mean sag_2?"):
-        model({"sag2": 1e-3}, inputs)
-    with pytest.raises(BadCondition, match="no column q3"):
-        model({}, inputs.drop(columns="q3"))
+    raises(BadEffect, "'sag2' is no parameter of UR5: did you mean sag_2?", model, {"sag2": 1e-3}, inputs)
+    raises(BadCondition, "no column q3", model, {}, inputs.drop(columns="q3"))
     for value in (np.nan, 15.0):
         with pytest.raises(BadCondition, match=f"row 1, q4 = {value:g} rad: must be finite and at most 12.5664 rad"):
             model({}, inputs.assign(q4=[0, value]))

@@ -12,6 +12,7 @@ from model.calibration import fit_area_factor
 from model.condition import conditions
 from model.errors import BadRobot
 from model.robot import Robot, load_robot, robot_from_dict
+from tests.simulated.bench import raises
 
 WIDE = {"radius": 0.02, "path_radius": 0.01, "azimuths_deg": [0]}
 """One chamber that reaches over the axis."""
@@ -40,10 +41,9 @@ WIDE = {"radius": 0.02, "path_radius": 0.01, "azimuths_deg": [0]}
 def test_a_wrong_value_is_refused_with_field_value_and_limit(
     paper_robot: Robot, change: dict[str, Any], words: list[str]
 ) -> None:
-    with pytest.raises(BadRobot) as caught:
-        robot_from_dict({**paper_robot.model_dump(), **change})
+    said = raises(BadRobot, None, robot_from_dict, {**paper_robot.model_dump(), **change})
     for word in words:
-        assert word in str(caught.value)
+        assert word in said
 
 
 def test_one_chamber_may_reach_over_the_axis_of_a_body_without_a_bore(paper_robot: Robot) -> None:
@@ -54,15 +54,13 @@ def test_one_chamber_may_reach_over_the_axis_of_a_body_without_a_bore(paper_robo
 def test_azimuths_in_rad_are_refused(paper_robot: Robot) -> None:
     data = paper_robot.model_dump(exclude_none=True)
     data["chambers"]["azimuths_deg"] = [0.0, 2.0944, 4.18879]
-    with pytest.raises(BadRobot, match=r"azimuths_deg: 4.18879 at most.*look like rad.*multiply by 57.2958"):
-        robot_from_dict(data)
+    raises(BadRobot, r"azimuths_deg: 4.18879 at most.*look like rad.*multiply by 57.2958", robot_from_dict, data)
 
 
 def test_tendons_have_no_thrust_and_one_limit(paper_robot: Robot) -> None:
     data = paper_robot.model_dump() | {"thrust": "walls"}
     tendons = {"chambers": None, "tendons": {"path_radius": 0.04, "azimuths_deg": (0, 120, 240)}, "max_pressure": None}
-    with pytest.raises(BadRobot, match="thrust: says nothing of a robot with tendons"):
-        robot_from_dict(data | tendons)
+    raises(BadRobot, "thrust: says nothing of a robot with tendons", robot_from_dict, data | tendons)
     pulled = robot_from_dict(data | tendons | {"thrust": None, "max_tension": 5.0})
     assert pulled.replace(max_pressure=2e4).max_tension is None and pulled.replace(max_tension=2.0).max_pressure == 2e4
     with pytest.raises(BadRobot, match="max_pressure and max_tension are both given: keep max_tension"):
@@ -83,8 +81,7 @@ def test_thrust_that_robot_yaml_states_acts_in_every_prediction(paper_robot: Rob
 def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> None:
     given = {**paper_robot.model_dump(), "length": 0, "tip_mass": -1}
     del given["density"]
-    with pytest.raises(BadRobot, match=r"(?s)length.*density: .*required.*tip_mass"):
-        robot_from_dict(given)
+    raises(BadRobot, r"(?s)length.*density: .*required.*tip_mass", robot_from_dict, given)
 
 
 UNITLESS = {
@@ -123,8 +120,7 @@ def test_the_area_factor_is_linear_between_entries_and_held_beyond_them(paper_ro
 
 def test_a_replaced_value_is_checked_and_an_area_factor_holds_at_every_spine_length(paper_robot: Robot) -> None:
     np.testing.assert_allclose(paper_robot.replace(area_factor=1.6).area_factor_at([0.0, 0.2]), [1.6, 1.6])
-    with pytest.raises(BadRobot, match="area_factor"):
-        paper_robot.replace(area_factor=-1.0)
+    raises(BadRobot, "area_factor", paper_robot.replace, area_factor=-1.0)
     assert paper_robot.replace(length=0.42).length == 0.42
 
 
@@ -135,10 +131,7 @@ def test_a_replaced_value_is_checked_and_an_area_factor_holds_at_every_spine_len
 def test_a_bad_file_is_named(tmp_path: Path, data: bytes, word: str) -> None:
     path = tmp_path / "robot.yaml"
     path.write_bytes(data)
-    with pytest.raises(BadRobot) as caught:
-        load_robot(path)
-    assert str(path) in str(caught.value) and word in str(caught.value)
-    with pytest.raises(BadRobot, match="nowhere.yaml"):
-        load_robot(tmp_path / "nowhere.yaml")
-    with pytest.raises(BadRobot, match="not a file"):
-        load_robot(tmp_path)
+    said = raises(BadRobot, None, load_robot, path)
+    assert str(path) in said and word in said
+    raises(BadRobot, "nowhere.yaml", load_robot, tmp_path / "nowhere.yaml")
+    raises(BadRobot, "not a file", load_robot, tmp_path)

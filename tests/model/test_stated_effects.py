@@ -14,6 +14,7 @@ from model.errors import BadRobot
 from model.robot import Robot, robot_from_dict
 from model.stated import Stated
 from tests.model.effects.campaigns import Moved, campaign
+from tests.simulated.bench import raises
 
 SLIP = {"moment": {"value": 0.15, "sd": 0.01, "unit": "N m"}, "stroke": {"value": 0.3, "sd": 0.2, "unit": "ln"}}
 AZIMUTH = {"angle": {"value": 0.1, "sd": 0.01, "unit": "rad"}}
@@ -52,9 +53,8 @@ def test_what_contradicts_itself_is_refused_where_the_file_is_read(
 ) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(yaml.safe_dump(stating(paper_robot, **more)))
-    with pytest.raises(ConfigError) as caught:
-        load(path, Robot)
-    assert told in str(caught.value) and str(path) in str(caught.value)
+    said = raises(ConfigError, None, load, path, Robot)
+    assert told in said and str(path) in said
 
 
 @pytest.mark.parametrize(
@@ -72,9 +72,8 @@ def test_what_the_catalogue_does_not_know_is_refused_where_the_model_is_made(
     paper_robot: Robot, more: dict[str, Any], told: str
 ) -> None:
     robot = robot_from_dict(stating(paper_robot, **more))
-    with pytest.raises(BadRobot) as caught:
-        ForwardModel(robot, design_from_columns(robot, campaign(lengths=(0.1,), levels=(60e3,))))
-    assert told in str(caught.value)
+    design = design_from_columns(robot, campaign(lengths=(0.1,), levels=(60e3,)))
+    assert told in raises(BadRobot, None, ForwardModel, robot, design)
 
 
 def test_the_baseline_of_a_robot_has_its_effects(paper_robot: Robot) -> None:

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_run import TARGETS, state
 
+from recordings.campaign.info import info
 from recordings.errors import MissingStream
-from recordings.file.clocks import aligned, clocks, fit
+from recordings.file.clocks import aligned, fit
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
@@ -59,7 +60,7 @@ def test_the_model_is_stored_in_the_file_and_aligns_its_stream(tmp_path: Path) -
             values = (t + 500.0, k, (0.0, 0.0, 0.4), (1.0, 0.0, 0.0, 0.0), 1e-4, True, ())
             recorder.push("/tip", max(arrived, recorder.buffers.newest("/tip")), values)
     recording = Recording.open(tmp_path / "a.mcap")
-    model = clocks(recording)["/tip"]
+    model = info(tmp_path / "a.mcap").clocks["/tip"]
     assert json.loads(recording.metadata["clocks"]["/tip"]) == asdict(model)
     assert np.abs(recording.stream("/tip")["t"] - taken).max() > 5e-3
     assert np.abs(aligned(recording, "/tip") - taken).max() < 1e-5

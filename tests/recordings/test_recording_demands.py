@@ -3,13 +3,13 @@ the same live, in the file and in replay."""
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_run import state
+from synthetic_run import Message, state
 
 from recordings.ambient import AMBIENT
 from recordings.campaign.replay import compare, replay, replay_states, table_of
@@ -31,23 +31,32 @@ JAMMED = state(
     topics=("/force", "/arm", "/vacuum"), probe=Probe((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), vacuum=BAND, least_force=1.0,
 )  # fmt: skip
 POLL = 0.1
+Made = Callable[[Path, State], Recorder]
 
 
-def pushing(vacuum: Callable[[float], float], force: float = 2.0) -> Callable[[Path, State], Recorder]:
-    """A recording of 6 s with one state: `vacuum` Pa below ambient by time, `force` N."""
+def recorded(messages: Iterable[Message], markers: int = 0) -> Made:
+    """A recording with one state and these messages."""
+    sent = list(messages)
 
     def made(path: Path, asked: State) -> Recorder:
-        recorder = Recorder(path, start_wall_ns=10**18)
+        recorder = Recorder(path, start_wall_ns=10**18, markers=markers)
         recorder.state(0.0, asked)
-        for k in range(1, 61):
-            t = round(POLL * k, 9)
-            recorder.push("/force", t, ((-force, *(0.0,) * 5), (0.0,) * 6))
-            recorder.push("/arm", t, (t, (0.0,) * 6, (0.001, *(0.0,) * 5), (0.0,) * 6, 1, True))
-            recorder.push("/vacuum", t, (AMBIENT - vacuum(t),))
+        for topic, t, values in sent:
+            recorder.push(topic, t, values)
         recorder.sync()
         return recorder
 
     return made
+
+
+def pushing(vacuum: Callable[[float], float], force: float = 2.0) -> Made:
+    """A recording of 6 s with one state: `vacuum` Pa below ambient by time, `force` N."""
+    sent = list[Message]()
+    for t in (round(POLL * k, 9) for k in range(1, 61)):
+        sent.append(("/force", t, ((-force, *(0.0,) * 5), (0.0,) * 6)))
+        sent.append(("/arm", t, (t, (0.0,) * 6, (0.001, *(0.0,) * 5), (0.0,) * 6, 1, True)))
+        sent.append(("/vacuum", t, (AMBIENT - vacuum(t),)))
+    return recorded(sent)
 
 
 def between(begin: float, end: float, level: float) -> Callable[[float], float]:
@@ -174,20 +183,14 @@ def shifted(body: int, by: float, begin: float, within: float = 0.0) -> Places:
     return places
 
 
-def following(places: Places) -> Callable[[Path, State], Recorder]:
+def following(places: Places) -> Made:
     """A recording of 5 s at 100 Hz with one state."""
-
-    def made(path: Path, asked: State) -> Recorder:
-        recorder = Recorder(path, start_wall_ns=10**18, markers=len(ARCS) - 1)
-        recorder.state(0.0, asked)
-        for k in range(1, 501):
-            t = round(PERIOD * k, 9)
-            tip, *markers = places(t)
-            recorder.push("/tip", t, (t, k, tip, (1.0, 0.0, 0.0, 0.0), 1e-4, True, tuple(markers)))
-        recorder.sync()
-        return recorder
-
-    return made
+    sent = list[Message]()
+    for k in range(1, 501):
+        t = round(PERIOD * k, 9)
+        tip, *markers = places(t)
+        sent.append(("/tip", t, (t, k, tip, (1.0, 0.0, 0.0, 0.0), 1e-4, True, tuple(markers))))
+    return recorded(sent, markers=len(ARCS) - 1)
 
 
 def bent(t: float) -> list[tuple[float, float, float]]:
@@ -215,17 +218,8 @@ POSSIBLE = {
 CLIPPED = state(rule=Window(0.0, 0.5, 3), targets=(50e3,) * 9, topics=("/pressure",), clipped=True)
 
 
-def inflated(path: Path, asked: State) -> Recorder:
-    """A recording of 1 s with one state of a robot whose pressures hardly rise."""
-    recorder = Recorder(path, start_wall_ns=10**18)
-    recorder.state(0.0, asked)
-    for k in range(1, 12):
-        recorder.push("/pressure", 0.1 * k, ((50e3,) * 9, (49e3 + k,) * 9))
-    recorder.sync()
-    return recorder
-
-
-Made = Callable[[Path, State], Recorder]
+INFLATED = recorded(("/pressure", 0.1 * k, ((50e3,) * 9, (49e3 + k,) * 9)) for k in range(1, 12))
+"""A recording of 1 s with one state of a robot whose pressures hardly rise."""
 REFUSED: dict[str, tuple[Made, State, type[NotSettled], str]] = {
     **{f"vacuum lost {kind}": (pushing(vacuum), JAMMED, VacuumLost, r"69\.0 to 91\.0 kPa") for kind, vacuum in LOST.items()},
     "vacuum lost long before the window": (
@@ -239,8 +233,8 @@ CONCLUDED: dict[str, tuple[Made, State]] = {
     "no force demanded": (pushing(KEPT["within its band"], force=0.5), replace(JAMMED, least_force=None)),
     **{kind: (following(places), ASKED) for kind, places in POSSIBLE.items()},
     "without the robot's limits": (following(swapped(0, 1, 1.5)), replace(ASKED, bodies=None)),
-    "clipped": (inflated, CLIPPED),
-    "not clipped": (inflated, replace(CLIPPED, clipped=False)),
+    "clipped": (INFLATED, CLIPPED),
+    "not clipped": (INFLATED, replace(CLIPPED, clipped=False)),
 }
 
 

@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from recordings.errors import BadMessage
 from recordings.messages import FORCE, STREAMS, Field, MessageType, is_stream, message_name, sensor, stream_message, streams
+from tests.simulated.bench import raises
 
 MESSAGES = streams(chambers=6, markers=2)
 DOUBLES = st.floats(allow_nan=True, width=64)
@@ -101,9 +102,7 @@ def test_a_tip_without_body_markers_has_no_bytes_for_them() -> None:
     ],
 )
 def test_values_that_do_not_fit_are_refused_with_the_name_of_the_field(topic: str, values: tuple[object, ...], word: str) -> None:
-    with pytest.raises(BadMessage, match=word) as caught:
-        STREAMS[topic].encode(0.0, values)
-    assert topic in str(caught.value)
+    assert topic in raises(BadMessage, word, STREAMS[topic].encode, 0.0, values)
 
 
 def test_units_and_version_are_in_the_channel_metadata() -> None:
@@ -138,11 +137,9 @@ def test_its_samples_are_numbers_by_name() -> None:
     ],
 )
 def test_what_cannot_be_a_column_is_refused(name: str, quantities: dict[str, str], words: str) -> None:
-    with pytest.raises(BadMessage, match=words):
-        sensor(name, quantities)
+    raises(BadMessage, words, sensor, name, quantities)
 
 
 @pytest.mark.parametrize("schema", [b"\xff\xff\xff", b"", FORCE.schema[:-4], b"\x0a\x00"])
 def test_a_schema_that_is_none_is_refused(schema: bytes) -> None:
-    with pytest.raises(BadMessage, match=r"/sensor/skin: its schema"):
-        stream_message("/sensor/skin", schema, {})
+    raises(BadMessage, r"/sensor/skin: its schema", stream_message, "/sensor/skin", schema, {})

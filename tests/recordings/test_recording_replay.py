@@ -22,6 +22,7 @@ from recordings.states.averaging import from_rotation_vector, mean_quaternion
 from recordings.states.buffer import Buffers
 from recordings.states.concluding import conclude
 from recordings.states.rules import Crossing, Probe, Settled, State, Window
+from tests.simulated.bench import raises
 
 REST = Settled(band=1500.0, still=0.8, still_distance=0.8e-3, smooth=8, average=0.5, min_samples=4, timeout=20.0)
 PROBE = Probe(direction=(0.0, 0.0, -1.0), origin=(0.4, 0.1, 0.31))
@@ -145,8 +146,7 @@ def test_a_stream_that_is_polled_seldom_is_taken_from_before_the_window() -> Non
     asked = state(Window(delay=2.0, average=0.4))
     row = conclude(filled(polled(3.0)), asked)
     assert row is not None and row.spine_length == pytest.approx(0.2, abs=1e-4)
-    with pytest.raises(NotSettled, match="0 usable samples of /spine from -4.60"):
-        conclude(filled(polled(9.0)), asked)
+    raises(NotSettled, "0 usable samples of /spine from -4.60", conclude, filled(polled(9.0)), asked)
 
 
 def test_a_hidden_tip_delays_the_reading_until_it_is_seen_again() -> None:
@@ -161,17 +161,14 @@ def test_a_state_that_never_settles_says_what_stood_in_the_way() -> None:
         (Run(lag=20.0), {}, r"not settled within 5 s: the tip still moved .* mm in 0.8 s, limit 0.80 mm"),
         (Run(hidden=(0.0, 99.0)), {}, "the tip was not tracked"),
     ):
-        with pytest.raises(NotSettled, match=word) as caught:
-            conclude(filled(run.messages()), state(short, **changes))
-        assert "trial 1 step 2" in str(caught.value) and ("channel" in str(caught.value)) == ("channel" in word)
+        told = raises(NotSettled, word, conclude, filled(run.messages()), state(short, **changes))
+        assert "trial 1 step 2" in told and ("channel" in told) == ("channel" in word)
 
 
 def test_what_was_at_rest_is_not_named_among_what_was_not() -> None:
     short = replace(REST, timeout=8.0)
     wrong = state(short, targets=(90e3, 60e3, 95e3, 0.0, 0.0, 0.0, 0.0, 0.0, 5e3))
-    with pytest.raises(NotSettled) as caught:
-        conclude(filled(Run().messages()), wrong)
-    said = str(caught.value)
+    said = raises(NotSettled, None, conclude, filled(Run().messages()), wrong)
     assert said.startswith("trial 1 step 2: not settled within 8 s: channel 2 is 2") and "set-point 60.0 kPa" in said
     assert said.endswith("1 further channels are off") and "the tip" not in said
 
@@ -197,11 +194,9 @@ def test_streams_polled_seldom_are_taken_from_just_before_a_crossing() -> None:
 
 
 def test_a_level_passed_before_or_never_is_not_a_crossing() -> None:
-    with pytest.raises(NotSettled, match="already above"):
-        conclude(filled(Run().messages()), replace(RAMP, t_start=2.0))
+    raises(NotSettled, "already above", conclude, filled(Run().messages()), replace(RAMP, t_start=2.0))
     never = replace(RAMP, rule=Crossing(level=95e3, chambers=(0,), rising=True, timeout=8.0))
-    with pytest.raises(NotSettled, match="did not get above"):
-        conclude(filled(Run().messages()), never)
+    raises(NotSettled, "did not get above", conclude, filled(Run().messages()), never)
 
 
 def test_force_and_deflection_are_taken_along_the_push() -> None:
@@ -224,20 +219,15 @@ def test_a_sample_that_cannot_be_is_told_and_not_averaged_away(topic: str, field
             spoilt[field] = (value,) * len(spoilt[field])  # type: ignore[arg-type]
             wrong += 1
         sent.append((name, t, tuple(spoilt)))
-    with pytest.raises(NotSettled, match=f"{topic}: .*not a number{'' if every else ' in 1 of'}"):
-        conclude(filled(iter(sent)), PUSH)
+    raises(NotSettled, f"{topic}: .*not a number{'' if every else ' in 1 of'}", conclude, filled(iter(sent)), PUSH)
 
 
 def test_a_state_that_cannot_be_right_is_refused(tmp_path: Path) -> None:
     for change in ({"branch": "up"}, {"topics": ("/tips",)}, {"specimen": "arm"}):
-        with pytest.raises(BadMessage, match="unknown"):
-            state(REST, **change)
-    with pytest.raises(BadMessage, match="letters, digits"):
-        state(REST, protocol="bend, twice")
-    with pytest.raises(BadMessage, match="unit vector"):
-        Probe(direction=(0.0, 0.0, 2.0), origin=(0.0, 0.0, 0.0))
-    with pytest.raises(BadMessage, match="/force"):
-        state(Window(1.0), probe=PROBE)
+        raises(BadMessage, "unknown", state, REST, **change)
+    raises(BadMessage, "letters, digits", state, REST, protocol="bend, twice")
+    raises(BadMessage, "unit vector", Probe, direction=(0.0, 0.0, 2.0), origin=(0.0, 0.0, 0.0))
+    raises(BadMessage, "/force", state, Window(1.0), probe=PROBE)
     with Recorder(tmp_path / "a.mcap", start_wall_ns=0) as recorder, pytest.raises(BadMessage, match="9 chambers"):
         recorder.state(0.0, state(REST, targets=(0.0,)))
 

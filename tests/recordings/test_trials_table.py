@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from recordings.errors import BadTable
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Mapped, Table, TrialRow
+from tests.simulated.bench import raises
 
 ROW = TrialRow(
     trial=1, step=1, protocol="bending", repeat=1, branch="load", t=12.5, spine_length=0.1, pressures=(50e3,) * 3 + (0.0,) * 6,
@@ -85,16 +86,13 @@ def test_a_cell_that_cannot_be_right_is_named_by_line_and_column(tmp_path: Path,
     cells = lines[1].split(",")
     cells[lines[0].split(",").index(column)] = text
     path.write_text(lines[0] + "\n" + ",".join(cells) + "\n")
-    with pytest.raises(BadTable, match=match) as caught:
-        read_csv(path)
-    assert "line 2" in str(caught.value)
+    assert "line 2" in raises(BadTable, match, read_csv, path)
 
 
 def test_a_missing_column_is_named_with_its_likely_misspelling(tmp_path: Path) -> None:
     path, lines = written(tmp_path, ROW)
     path.write_text(lines[0].replace("spine_length", "spine_lenght") + "\n" + lines[1] + "\n")
-    with pytest.raises(BadTable, match=r"no column spine_length \(is it the column 'spine_lenght'"):
-        read_csv(path)
+    raises(BadTable, r"no column spine_length \(is it the column 'spine_lenght'", read_csv, path)
 
 
 def test_foreign_columns_are_left_out_and_named(tmp_path: Path) -> None:
@@ -107,17 +105,14 @@ def test_foreign_columns_are_left_out_and_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "trial,step\n1,2\n", "a\nb\n"])
 def test_a_file_that_is_no_table_is_told(tmp_path: Path, text: str) -> None:
     (tmp_path / "t.csv").write_text(text)
-    with pytest.raises(BadTable, match=r"t\.csv"):
-        read_csv(tmp_path / "t.csv")
+    raises(BadTable, r"t\.csv", read_csv, tmp_path / "t.csv")
 
 
 def test_a_stiffness_row_needs_force_and_deflection_and_others_a_tip(tmp_path: Path) -> None:
     path, _ = written(tmp_path, replace(PUSH, force=None))
-    with pytest.raises(BadTable, match="needs specimen, force and deflection"):
-        read_csv(path)
+    raises(BadTable, "needs specimen, force and deflection", read_csv, path)
     path, _ = written(tmp_path, replace(ROW, tip=None))
-    with pytest.raises(BadTable, match="needs the tip's"):
-        read_csv(path)
+    raises(BadTable, "needs the tip's", read_csv, path)
 
 
 def test_asking_for_a_column_that_is_not_there_names_those_that_are() -> None:

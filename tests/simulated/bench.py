@@ -12,10 +12,11 @@ from sim_fakes.plant import Plant
 from timing import RigClock
 
 
-def raises(kind: type[Exception], says: str, call: Callable[..., object], *given: Any, **named: Any) -> None:
-    """The call raises an error of this kind that says this (a regular expression)."""
-    with pytest.raises(kind, match=says):
+def raises(kind: type[Exception], says: str | None, call: Callable[..., object], *given: Any, **named: Any) -> str:
+    """The call raises an error of this kind that says this (a regular expression, None: anything); returns its message."""
+    with pytest.raises(kind, match=says) as caught:
         call(*given, **named)
+    return str(caught.value)
 
 
 class Bench:
