@@ -22,7 +22,7 @@ from .answer.attribute import weighed
 from .answer.headline import OUTSIDE, for_people, plain_name, with_id
 from .answer.result import Change
 from .arrays import Array
-from .criticism.outside import odds_outside
+from .criticism.stage_errors import odds_unnamed
 from .data.campaign import Campaign
 from .data.case import Case, states
 from .errors import BadCase
@@ -63,7 +63,7 @@ def compare_campaigns(
     joined = Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))
     w = weighed(joined, [replace(part, rows=part.rows + n) for part in parts(after)], executor)
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
-    odds = odds_outside(w.search.tried, (), w.best.weighed.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
+    odds = odds_unnamed(w.best.weighed.law_error_gain, excess_scatter)
     ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
     named, parameters = ranked.ranking[0][0], w.search.problem.parameters
     of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]

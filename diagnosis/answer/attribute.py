@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arrays import rms
 from ..criticism.gaussian import Gaussian, outlier_trial
-from ..criticism.outside import odds_outside, related
-from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
+from ..criticism.outside import log_weight_of, related
+from ..criticism.stage_errors import StageError, odds_unnamed, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
 from ..inference.budget import Budget, WeighedCauses, weighed
@@ -19,7 +19,7 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit_alone
-from ..inference.posterior import UNKNOWN, EffectPosterior, Related, alike, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, Related, alike, odds_of_relatives, with_unknown
 from ..inference.prepare import Prepared, parts
 from ..judgement import LEAST_STATED, LISTED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
@@ -108,8 +108,9 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause: the least gain.
     free_forms = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
     (relatives,) = begun.relatives()
-    excess_scatter, effects = p.noise_components.excess_scatter, len(p.problem.parameters.ids)
-    odds = odds_outside(w.search.tried, relatives, total_gain(free_forms), excess_scatter, effects)
+    effects = len(p.problem.parameters.ids)
+    odds = odds_of_relatives(w.search.tried, [log_weight_of(r, effects) for r in relatives], effects)
+    odds += odds_unnamed(total_gain(free_forms), p.noise_components.excess_scatter)
     ranked = with_unknown(w.known, candidates[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     floors_at_least = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}

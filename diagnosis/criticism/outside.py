@@ -31,11 +31,10 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import Fit, fit
 from ..inference.jacobian import Columns
-from ..inference.posterior import Related, log_weight, odds_of_relatives
+from ..inference.posterior import Related, log_weight
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import FitParameters, MaskedForward, derivatives
 from .relatives import relatives
-from .stage_errors import odds_unnamed
 
 LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
 """Share of the best hypothesis' weight that a relative must promise to be fitted; most relatives and rounds."""
@@ -63,7 +62,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
                 if z > promised.get((r, beside), (-math.inf, c))[0]:
                     promised[r, beside] = z, c
 
-    weight = partial(_log_weight, effects=effects)
+    weight = partial(log_weight_of, effects=effects)
     unfitted = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
     least_weight = max(log_weight(c.named, c.log_evidence, effects) for c in candidates) + math.log(LEAST_SHARE)
     fitted: list[Related] = []
@@ -92,7 +91,7 @@ def _promised(p: Prepared, forward: ForwardModel, c: Candidate) -> Iterator[tupl
         yield beside, alone.log_evidence + offset, {r: w.log_evidence + offset for r, w in zip(ids, with_relative, strict=True)}
 
 
-def _log_weight(r: Related, effects: int) -> float:
+def log_weight_of(r: Related, effects: int) -> float:
     """As `log_weight`: a catalogue of few effects makes no relative more probable."""
     named, of = (*r.beside, r.relative), max(effects, len(CATALOGUE))
     return log_weight(named, r.log_evidence, of) if len(named) in judgement.PRIOR_OF_NUMBER else -math.inf
@@ -121,7 +120,7 @@ def fit_relative(p: Prepared, r: Related, start: Candidate, least_weight: float)
         best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, begun, ROUNDS, frozen)
         begun = best.whole(problem, named)
         with_it, without = weigh(begun.linear(problem), KNOWN, wider, [named, r.beside])
-        if _log_weight(replace(r, log_evidence=with_it.log_evidence), len(of_problem.ids)) <= least_weight:
+        if log_weight_of(replace(r, log_evidence=with_it.log_evidence), len(of_problem.ids)) <= least_weight:
             break
     mean, sd = with_it.averaged_mean * wider.scale, judgement.SIZE_SD_FACTOR * with_it.averaged_sd * wider.scale
     own = wider.mask((r.relative,))
@@ -151,14 +150,3 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     least = least_sizes(calibrated, p.labels, columns, p.noise_floor)[int(free.sum()) :]
     wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd), least=known.least + least)
     return wider, problem.noise.whiten(slope * sd)
-
-
-def odds_outside(
-    tried: Sequence[Candidate], among: Sequence[Related], free_form: float, excess_scatter: float, effects: int
-) -> float:
-    """Odds of a cause outside the catalogue against all hypotheses of the catalogue that were tried.
-
-    `effects`: number of effects in the catalogue; `free_form`: log evidence that errors of free form gain; `excess_scatter`: of
-    repeats, see `NoiseComponents`.
-    """
-    return odds_unnamed(free_form, excess_scatter) + odds_of_relatives(tried, [_log_weight(r, effects) for r in among], effects)

@@ -12,15 +12,15 @@ from diagnosis.answer.experiments import propose
 from diagnosis.answer.result import Proposal, Value
 from diagnosis.answer.size import places_found
 from diagnosis.criticism.gaussian import Gaussian, outlier_trial
-from diagnosis.criticism.outside import fit_relative, odds_outside, related
+from diagnosis.criticism.outside import fit_relative, log_weight_of, related
 from diagnosis.criticism.relatives import RELATIVES, named_places, relatives, walls
-from diagnosis.criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
+from diagnosis.criticism.stage_errors import StageError, odds_unnamed, smooth_functions, stage_errors, total_gain
 from diagnosis.data.case import states
 from diagnosis.inference.candidate import Candidate
 from diagnosis.inference.cross_validation import CrossValidation, Model
 from diagnosis.inference.evidence import Hypothesis
 from diagnosis.inference.fit import fit
-from diagnosis.inference.posterior import UNKNOWN, Related, alike
+from diagnosis.inference.posterior import UNKNOWN, Related, alike, odds_of_relatives
 from diagnosis.inference.prepare import prepare, table_columns
 from diagnosis.inference.problem import Problem, derivatives
 from diagnosis.inference.search import Search
@@ -51,7 +51,8 @@ LEAST = SAME_ODDS + FREE_FORM_ODDS
 
 
 def odds(among: tuple[Related, ...] = (), free_form: float = 0.0, scatter: float = 1.0) -> float:
-    return odds_outside(KNOWN, among, free_form, scatter, len(CATALOGUE))  # type: ignore[arg-type]
+    weights = [log_weight_of(r, len(CATALOGUE)) for r in among]
+    return odds_unnamed(free_form, scatter) + odds_of_relatives(KNOWN, weights, len(CATALOGUE))  # type: ignore[arg-type]
 
 
 def test_a_relative_as_good_as_what_is_named_is_rarer_by_its_prior_odds() -> None:
@@ -179,7 +180,7 @@ def test_cameras_that_read_too_long_are_a_relative_of_the_nearest_effect() -> No
     found = related(prepared, asked, reached)
     assert found[0].relative in ("camera_scale", "body_length")
     assert found[0].log_evidence > max(reached.values()) - SEPARATED_EVIDENCE
-    assert odds_outside(search.tried, found, 0.0, 1.0, 2) > 2 * LEAST
+    assert odds_of_relatives(search.tried, [log_weight_of(r, 2) for r in found], 2) > LEAST
 
 
 STAGES: dict[str, Stage] = {
