@@ -27,15 +27,15 @@ from recordings.ambient import AMBIENT
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
-from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Mapped, Table, marker_columns, pressure_columns
+from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
 from ..files.jumps import Jump, at_rest, jumps, loads, notable, without
+from ..files.map_file import Map, Name, named, units_for
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
-from .map_file import Map, Name, named, units_for
 from .places import at_rest_by_model, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import FRAME, Series
@@ -248,9 +248,8 @@ def conclude(
         table = _with_pushes(table, file, forces, wanted)
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
-        call, unit = every[0][0].form == FRAME, min((q.unit for _, q, _ in every if q.unit is not None), default=None)
-        columns = tuple((name, str(column.column)) for name, column in wanted.columns.items())
-        table = replace(table, mapped=Mapped(wanted.frame.axes, wanted.straight, call, columns, unit, wanted.mount))
+        unit = min((q.unit for _, q, _ in every if q.unit is not None), default=None)
+        table = replace(table, mapped=wanted.mapped(unit, call=every[0][0].form == FRAME))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     with suppress(BadCase):  # which is said where the table is used

@@ -32,11 +32,11 @@ from recordings.table_file import csv_text, read_numbers
 
 from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, demand_writable, load
+from ..files.map_file import factor
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..files.robot_numbers import doubtful_numbers
 from ..imports.headings import unit_named
-from ..imports.map_file import factor
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, path_option, repeatable
 from .run import Columns, planned_columns, protocol_plan, robot_facts, source_of
 
