@@ -68,6 +68,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     for path in inputs:
         _demand_case(path)
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
+    recorded = [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     folders = [path for path in inputs if path.is_dir()]
     sources = [read_yaml(path / "robot.yaml") for path in folders] if robot_path is None else [read_yaml(robot_path)]
     for recording in recordings if robot_path is None else ():
@@ -84,8 +85,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         (str(path / "trials.csv"), replace(read_csv(path / "trials.csv"), mapped=_mapped(path / "map.yaml", robot)))
         for path in folders
     ]
-    parts += [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
-    return case_of(robot, parts, source.name, source.text.decode())
+    return case_of(robot, [*parts, *recorded], source.name, source.text.decode())
 
 
 def _mapped(path: Path, robot: Robot) -> Mapped | None:
