@@ -70,10 +70,8 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
     recorded = [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     folders = [path for path in inputs if path.is_dir()]
-    sources = [read_yaml(path / "robot.yaml") for path in folders] if robot_path is None else [read_yaml(robot_path)]
+    sources = list(map(read_yaml, [path / "robot.yaml" for path in folders] if robot_path is None else [robot_path]))
     for recording in recordings if robot_path is None else ():
-        if "robot.yaml" not in recording.attachments:
-            raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
         sources.append(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"))
     source, robot = sources[0], check(sources[0], Robot)
     for other in sources[1:]:
@@ -216,6 +214,7 @@ def attached(recording: Recording, name: str) -> str:
     try:
         return recording.attachments[name].decode("utf-8")
     except KeyError:
-        raise ConfigError(f"{recording.path}: has no {name} attached") from None
+        remedy = "; give one with --robot" * (name == "robot.yaml")
+        raise ConfigError(f"{recording.path}: has no {name} attached{remedy}") from None
     except UnicodeDecodeError as e:
         raise ConfigError(f"{recording.path}: the attached {name} is not a text file") from e
