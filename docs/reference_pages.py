@@ -20,8 +20,8 @@ from drivers import interfaces
 from drivers.registry import ROLES
 from lab.files.all_protocols import found_protocols
 from lab.files.campaign_file import CampaignFile
+from lab.files.map_file import Map
 from lab.files.rig_file import RigFile, drivers
-from lab.imports.map_file import Map
 from lab.pages.report import TERMS
 from model.effects import CATALOGUE
 from model.effects.history import History

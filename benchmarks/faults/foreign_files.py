@@ -14,9 +14,9 @@ import numpy as np
 
 from diagnosis.edits.reading import read as judged
 from lab.files.config import ConfigError, load
+from lab.files.map_file import Map, Source
 from lab.imports.formats import read
 from lab.imports.guess import guess_map
-from lab.imports.map_file import Map, Source
 from lab.imports.proposal import guess_text
 from lab.imports.table import imported
 from model.robot import Robot

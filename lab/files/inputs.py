@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,12 +23,13 @@ from recordings.file.reader import Recording
 from recordings.file.recover import RECOVERED
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
-from recordings.trials import NO_MOUNT, Mapped, Table
+from recordings.trials import Mapped, Table
 
 from ..console import note
 from ..plain import typed
-from .config import ConfigError, Source, check, parse_yaml, read_yaml
+from .config import ConfigError, check, parse_yaml, read_yaml
 from .jumps import believed, without_contradicted
+from .map_file import stated_map
 from .robot_numbers import doubts
 
 CASE = ("robot.yaml", "trials.csv")
@@ -63,51 +65,35 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
 
     Readings that this robot cannot produce in SI units and in its frame are refused (see `diagnosis.edits.reading`)."""
-    sources: list[Source] = []
-    parts: list[tuple[str, Table]] = []
     for path in inputs:
         _demand_case(path)
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
-    for path in inputs:
-        if path.is_dir():
-            if robot_path is None:
-                sources.append(read_yaml(path / "robot.yaml"))
-            parts.append((str(path / "trials.csv"), replace(read_csv(path / "trials.csv"), mapped=_mapped(path / "map.yaml"))))
-    parts += [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
-    if robot_path is None:
-        for recording in recordings:
-            if "robot.yaml" not in recording.attachments:
-                raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
-            sources.append(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"))
-    else:
-        sources = [read_yaml(robot_path)]
+    recorded = [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
+    folders = [path for path in inputs if path.is_dir()]
+    sources = list(map(read_yaml, [path / "robot.yaml" for path in folders] if robot_path is None else [robot_path]))
+    for recording in recordings if robot_path is None else ():
+        sources.append(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"))
     source, robot = sources[0], check(sources[0], Robot)
     for other in sources[1:]:
         if not same_robot(check(other, Robot), robot):
             raise ConfigError(
                 f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for both with --robot"
             )
-    return case_of(robot, parts, source.name, source.text.decode())
+    parts = [
+        (str(path / "trials.csv"), replace(read_csv(path / "trials.csv"), mapped=_mapped(path / "map.yaml", robot)))
+        for path in folders
+    ]
+    return case_of(robot, [*parts, *recorded], source.name, source.text.decode())
 
 
-def _mapped(path: Path) -> Mapped | None:
+def _mapped(path: Path, robot: Robot) -> Mapped | None:
     """How the map.yaml of a case made its table; None where there is none, or one that is not of this program."""
     try:
-        stated = read_yaml(path).table
-        frame = {"x": "x", "y": "y", "z": "z"} | (stated.get("frame") or {})
-        given = {name: of if isinstance(of, dict) else {"column": of} for name, of in (stated.get("columns") or {}).items()}
-        columns = tuple((str(name), str(of["column"])) for name, of in given.items())
-        first, *others = {of.get("unit") for name, of in given.items() if name[0] == "p"} or {None}
-        axes = tuple((*map(float, a),) if isinstance(a := frame[axis], list) else str(a) for axis in "xyz")
-        straight = str(stated.get("straight", Mapped.straight))
-        turned = [own["orientation"] for own in (stated, *(stated.get("files") or {}).values()) if own.get("orientation")]
-        first_mount, *other_mounts = {tuple(map(float, of.get("mount", NO_MOUNT))) for of in turned} or {NO_MOUNT}
-        unit, mount = None if others else first, None if other_mounts else first_mount
-        mapped = Mapped(axes, straight, headings=columns, unit=unit, mount=mount)  # type: ignore[arg-type]
-        is_turn = mount is None or (len(mount) == 4 and any(mount))
-        return mapped if mapped.axes.shape == (3, 3) and is_turn else None
-    except (ConfigError, TypeError, ValueError, AttributeError, LookupError):
+        made = stated_map(read_yaml(path), robot.actuators.words)
+    except ConfigError:
         return None
+    unit, *others = {column.unit or None for name, column in made.columns.items() if re.fullmatch(r"p\d+", name)} or {None}
+    return made.mapped(None if others else unit)
 
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:
@@ -228,6 +214,7 @@ def attached(recording: Recording, name: str) -> str:
     try:
         return recording.attachments[name].decode("utf-8")
     except KeyError:
-        raise ConfigError(f"{recording.path}: has no {name} attached") from None
+        remedy = "; give one with --robot" * (name == "robot.yaml")
+        raise ConfigError(f"{recording.path}: has no {name} attached{remedy}") from None
     except UnicodeDecodeError as e:
         raise ConfigError(f"{recording.path}: the attached {name} is not a text file") from e

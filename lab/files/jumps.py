@@ -68,7 +68,7 @@ class Jump:
     pressure: float
     """Pa, the largest change of a chamber."""
     exchanged: int | None = None
-    """The body whose place it took, and which took its place."""
+    """The body of a higher number whose place it took, and which took its place."""
     against: int = 0
     """States that all contradict this one, at least `AGAINST`, or 0: those at nearly the same pressures and loads, or those
     before and after it, if two points have changed places in this one alone."""
@@ -137,8 +137,8 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
             state = int(earlier[i] if contradicted.get(int(earlier[i])) else later[i])
             moved, pressure = float(distance[i, point]), float(pressure_change[i])
             found[state, point] = Jump(state, point, moved, pressure, other, contradicted.get(state, 0))
-    # each once: a state may be held against the one before it and against the last one at rest
-    yield from (found[key] for key in sorted(found))
+    # each once: a state may be held against the one before it and the last one at rest, and both points change places
+    yield from (j for _, j in sorted(found.items()) if j.exchanged is None or j.body < j.exchanged)
 
 
 def _taken(before: Array, after: Array, point: int, limit: float) -> int | None:
@@ -150,12 +150,6 @@ def _taken(before: Array, after: Array, point: int, limit: float) -> int | None:
 def _reach(length: float, usual: float, change: Array) -> Array:
     """m by which a point can move while the pressures change (Pa), of which it follows with `usual` (m/Pa)."""
     return STILL * length + TIMES * usual * change
-
-
-def notable(found: Sequence[Jump]) -> list[Jump]:
-    """Those to be named: of two points that change places, the one with the lower number."""
-    exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
-    return [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
 
 
 def without(places: Sequence[tuple[int, int]], states: Table) -> tuple[Table, Mask]:
@@ -170,7 +164,7 @@ def without(places: Sequence[tuple[int, int]], states: Table) -> tuple[Table, Ma
 def without_contradicted(table: Table, robot: Robot) -> Table:
     """A table that no import has checked without the places that jump and that others contradict, each with a warning."""
     rows = np.flatnonzero(table.with_tip)
-    found = notable([j for j in jumps(table.take(rows), robot.length) if j.against]) if len(rows) > AGAINST else ()
+    found = [j for j in jumps(table.take(rows), robot.length) if j.against] if len(rows) > AGAINST else ()
     return _left_out(table, {(int(rows[j.state]), j.body): j.text(robot.actuators.words) for j in found})
 
 

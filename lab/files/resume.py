@@ -13,7 +13,7 @@ from pathlib import Path
 from protocols.registry import Experiment
 from recordings.campaign.labels import RECORD
 from recordings.campaign.replay import campaign_of, merged
-from recordings.file.journal import Progress, read
+from recordings.file.journal import read
 from recordings.file.reader import Recording
 from recordings.file.recover import RECOVERED
 from recordings.trials import Table
@@ -28,7 +28,6 @@ class Broken:
     """A campaign that can be continued."""
 
     journal: Path
-    progress: Progress
     finished: int
     """Trials 1 to this one are done with all their states recorded, or were skipped."""
     table: Table
@@ -76,7 +75,7 @@ def find(run: Path) -> Broken:
     if missing := [name for name in ("protocol.yaml", "robot.yaml") if name not in first.attachments]:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
-        journal, progress, finished, table.take(table.trial <= finished),
+        journal, finished, table.take(table.trial <= finished),
         dict(first.metadata.get(RECORD, {})), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
         first.attachments.get("protocol.py"), first.path.stat().st_uid == os.getuid(),
     )  # fmt: skip

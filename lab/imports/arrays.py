@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
+from ..files.map_file import Source
 from .columns import Judged, judge, of_frame
-from .map_file import Source
 from .series import LARGEST, Array, Series, demand_bounded, demand_columns, of_judged, readable
 
 LAST = ("point", "axis")

@@ -16,11 +16,11 @@ from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from ..files.inputs import TABLES
+from ..files.map_file import Source
 from .arrays import read_numpy
 from .columns import Judged, of_frame
 from .headings import heading
 from .joining import of_rows_in_turn
-from .map_file import Source
 from .matlab import read_matlab
 from .series import FRAME, LARGEST, Series, demand_bounded, demand_columns, flat, of_judged, package, readable, reason, unique
 from .text_tables import read_text

@@ -17,10 +17,10 @@ from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, colum
 
 from ..files.config import ConfigError, Source, check
 from ..files.jumps import without_contradicted
+from ..files.map_file import Column, Own, map_of
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
-from .map_file import Column, Own, map_of
 from .quantities import File, in_si, quantities_of, translated
 from .series import CALL, FRAME, Series, name_of
 from .table import conclude

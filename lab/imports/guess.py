@@ -17,6 +17,7 @@ from recordings.trials import unit_of
 
 from ..files.config import ConfigError
 from ..files.config import Source as Proposed
+from ..files.map_file import map_of
 from ..files.units import KINDS
 from .clock import MANY, unit_of_steps
 from .columns import is_missing
@@ -37,7 +38,6 @@ from .headings import (
     unseen_axis,
 )
 from .joining import JOIN
-from .map_file import map_of
 from .proposal import Guess
 from .quantities import quantities_of
 from .series import Series, texts, unit_in

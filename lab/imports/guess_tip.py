@@ -21,10 +21,10 @@ from recordings.trials import AXES
 
 from ..files.config import ConfigError
 from ..files.jumps import at_rest
+from ..files.map_file import Frame, Orientation, units_for
 from ..files.units import KINDS
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, own_column, quantity, triples
 from .joining import JOIN
-from .map_file import Frame, Orientation, units_for
 from .proposal import Guess
 from .quantities import clearly_worse, misfits
 from .series import Series, unit_in, unseen

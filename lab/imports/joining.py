@@ -16,10 +16,10 @@ from model.arrays import Array, Ints, Mask
 from recordings.trials import present
 
 from ..files.config import ConfigError
+from ..files.map_file import Column, Map, Name
 from ..files.units import KINDS
 from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, seconds, timeline, unit_of_steps
 from .headings import heading, is_unit, own_column, quantity, triples
-from .map_file import Column, Map, Name
 from .series import Series, Texts, axes_of, cleaned, listed, name_of, numbers, unit_in
 
 JOIN = "join them in time first (docs: data from elsewhere)"

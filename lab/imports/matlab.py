@@ -16,8 +16,8 @@ import numpy as np
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
+from ..files.map_file import Source
 from .arrays import CELL, columns_of
-from .map_file import Source
 from .series import LARGEST, Series, demand_bounded, package, readable, reason
 
 SIMPLE = frozenset(

@@ -16,7 +16,7 @@ from model.robot import Robot
 from recordings.trials import Table
 
 from ..files.config import ConfigError
-from ..files.jumps import STILL, at_rest
+from ..files.jumps import BODIES, STILL, at_rest
 
 LEAST_TURN = np.radians(10.0)
 FEWEST = 6
@@ -84,14 +84,13 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
         places = places - places.mean(axis=1, keepdims=True)
     apart = np.linalg.norm(places[:, None] - places[None], axis=3).sum(axis=(1, 2))
     usual = int(np.argmin(np.round(apart, 9)))
-    points = ["the tip", *(f"marker {k}" for k in range(1, places.shape[1]))]
     for name, place in zip(names, places, strict=True):
         off = np.linalg.norm(place[:, None] - places[usual][None], axis=2)
         rows, columns = scipy.optimize.linear_sum_assignment(off)  # which point of the usual file each is nearest to
         exchanged = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
         in_order = float(np.trace(off))
         if exchanged and in_order > max(EXCHANGED * float(off[rows, columns].sum()), STILL * length):
-            text = ", ".join(f"{points[i]} stands where {points[j]} does" for i, j in exchanged)
+            text = ", ".join(f"{BODIES[i]} stands where {BODIES[j]} does" for i, j in exchanged)
         elif (place.shape[0] > 1 or not moved) and off[0, 0] > ELSEWHERE * length:
             behind = " behind the base," if place[0, 2] < 0 < places[usual][0, 2] else ""
             text = f"the tip is{behind} {1e3 * off[0, 0]:.0f} mm from where it is"

@@ -21,11 +21,11 @@ from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker
 
 from ..files.config import ConfigError
 from ..files.jumps import at_rest
+from ..files.map_file import ONE_CAMERA, Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
 from ..files.units import KINDS
 from .clock import seconds, timeline
 from .columns import is_missing
 from .headings import chamber, heading, tendon
-from .map_file import ONE_CAMERA, Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
 from .places import turn_misfit
 from .series import CALL, FRAME, Series, axes_of, listed, name_of, numbers, texts, unit_in, unseen
 

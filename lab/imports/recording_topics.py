@@ -29,9 +29,9 @@ from recordings.file.samples import message_class
 from recordings.numbers import number
 
 from ..files.config import ConfigError
+from ..files.map_file import Map, Source
 from .clock import EPOCH
 from .joining import at_times
-from .map_file import Map, Source
 from .series import Series, Texts, leaves, name_in
 
 if TYPE_CHECKING:

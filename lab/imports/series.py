@@ -23,9 +23,9 @@ from recordings.file.budget import OPTION, lifted
 from recordings.trials import REQUIRED, unit_of
 
 from ..files.config import ConfigError
+from ..files.map_file import Name
 from .columns import MOST_WORDS, Judged, Strange, is_missing, without_fillers
 from .headings import heading, unit_named
-from .map_file import Name
 
 if TYPE_CHECKING:
     import pandas as pd

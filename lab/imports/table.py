@@ -27,15 +27,15 @@ from recordings.ambient import AMBIENT
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
-from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Mapped, Table, marker_columns, pressure_columns
+from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
-from ..files.jumps import Jump, at_rest, jumps, loads, notable, without
+from ..files.jumps import Jump, at_rest, jumps, loads, without
+from ..files.map_file import Map, Name, named, units_for
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
-from .map_file import Map, Name, named, units_for
 from .places import at_rest_by_model, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import FRAME, Series
@@ -231,7 +231,8 @@ def conclude(
     states = Table.stacked(parts)
     found = list(jumps(states, float(straight[2])))
     notes += _jump_notes(found, rows, every, robot.actuators.words)
-    states, kept_states = without([(j.state, j.body) for j in found if j.against], states)
+    contradicted = [(j.state, body) for j in found if j.against for body in (j.body, j.exchanged) if body is not None]
+    states, kept_states = without(contradicted, states)
     rows = list(compress(rows, kept_states))
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
@@ -248,9 +249,8 @@ def conclude(
         table = _with_pushes(table, file, forces, wanted)
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
-        call, unit = every[0][0].form == FRAME, min((q.unit for _, q, _ in every if q.unit is not None), default=None)
-        columns = tuple((name, str(column.column)) for name, column in wanted.columns.items())
-        table = replace(table, mapped=Mapped(wanted.frame.axes, wanted.straight, call, columns, unit, wanted.mount))
+        unit = min((q.unit for _, q, _ in every if q.unit is not None), default=None)
+        table = replace(table, mapped=wanted.mapped(unit, call=every[0][0].form == FRAME))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     with suppress(BadCase):  # which is said where the table is used
@@ -376,13 +376,12 @@ def _jump_notes(
     found: Sequence[Jump], rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, FileRows, Map]], words: Words
 ) -> Iterator[str]:
     """What to ask about places that moved farther than the body can; `rows`: file and first row of each state."""
-    named_jumps = notable(found)
-    for number, jump in enumerate(named_jumps[: MOST_JUMPS + 1]):
+    for number, jump in enumerate(found[: MOST_JUMPS + 1]):
         file, row = rows[jump.state]
         series, q, _ = files[file]
         place = f"{series.path.name}, {series.place(int(q.row[row]))}"
         if number == MOST_JUMPS:
-            yield f"{place}: the first of {len(named_jumps) - MOST_JUMPS} further points that move farther than the body can"
+            yield f"{place}: the first of {len(found) - MOST_JUMPS} further points that move farther than the body can"
             return
         doubt = "was it another marker, or was something moved?" if jump.exchanged is None else "were they confused?"
         remedy = "put these rows into a separate file and name its columns under files: {PATTERN: {columns: ..}}"

@@ -21,10 +21,10 @@ from recordings.bounded import read_bounded
 from recordings.trials import present
 
 from ..files.config import ConfigError
+from ..files.map_file import Source
 from .columns import Judged, is_missing, judge, looks_like_value, number
 from .headings import heading, is_unit, recognised, unit_named
 from .joining import JOIN, of_one_file
-from .map_file import Source
 from .series import LARGEST, Series, demand_columns, of_judged, unique
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ import numpy as np
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 
+from ..files.map_file import Map, Plateaus, States
 from .clock import gaps
-from .map_file import Map, Plateaus, States
 from .quantities import FileRows
 from .series import Series
 

@@ -282,29 +282,27 @@ State = Mapping[str, Any]
 
 
 def shapes(states: Sequence[State], name: str, folder: Path, words: Words) -> list[Path]:
-    """A panel for each state, x and y over z in mm, the tip hanging down, and close up; `name`: of the model with the cause."""
-    return [_panel(state, name, folder / f"shape-{k}.svg", words) for k, state in enumerate(states)]
-
-
-def _panel(state: State, name: str, path: Path, words: Words) -> Path:
-    """Draw one state: its backbones in two planes, and the tip close up below; `name` of the model with the cause."""
+    """A panel for each state, its backbones x and y over z in mm, the tip hanging down, and close up below; `name`: of the model
+    with the cause."""
     names = dict(zip(MODELS, (CALIBRATED, name), strict=True))
-    tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
-    middle = np.nanmean(tips, axis=0)
-    half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))  # mm, of the close-up's width: 4 mm at least
     small = {"font.size": 8, "axes.titlesize": 8, "axes.titlelocation": "center"}
-    with drawing(path, (4.0, 5.4), 2, 2, small, height_ratios=(3, 2)) as (figure, axes):
-        for k, (whole, close) in enumerate(axes.T):
-            for axis in (whole, close):
-                _draw(axis, state, k, names)
-                axis.set(xlabel=f"{'xy'[k]}, mm", ylabel="z, mm")
-            whole.set_aspect("equal", adjustable="datalim")
-            whole.invert_yaxis()
-            close.set(xlim=(middle[k] - half, middle[k] + half), ylim=(middle[2] + half, middle[2] - half), aspect="equal")
-            close.set_title(f"tip, {2 * half:.0f} mm wide")
-        figure.suptitle(state_name(state, words), fontsize=9)
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
-    return path
+    pictures = [folder / f"shape-{k}.svg" for k in range(len(states))]
+    for path, state in zip(pictures, states, strict=True):
+        tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
+        middle = np.nanmean(tips, axis=0)
+        half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))  # mm, of the close-up's width: 4 mm at least
+        with drawing(path, (4.0, 5.4), 2, 2, small, height_ratios=(3, 2)) as (figure, axes):
+            for k, (whole, close) in enumerate(axes.T):
+                for axis in (whole, close):
+                    _draw(axis, state, k, names)
+                    axis.set(xlabel=f"{'xy'[k]}, mm", ylabel="z, mm")
+                whole.set_aspect("equal", adjustable="datalim")
+                whole.invert_yaxis()
+                close.set(xlim=(middle[k] - half, middle[k] + half), ylim=(middle[2] + half, middle[2] - half), aspect="equal")
+                close.set_title(f"tip, {2 * half:.0f} mm wide")
+            figure.suptitle(state_name(state, words), fontsize=9)
+            figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    return pictures
 
 
 def state_name(state: State, words: Words) -> str:

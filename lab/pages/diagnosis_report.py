@@ -317,19 +317,14 @@ def _sizes(s: PageSection, d: Diagnosis) -> None:
 
 def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:
     """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
-    unit = x["unit"]
-    ends = [_bound(x[end], unit, d.words) for end in ("low90", "high90", "low", "high")]
-    median = _number(x["median"], unit, d.words) if x["determined"] else "not determined by these data"
+
+    def number(value: float) -> tuple[str, str]:
+        size, unit = for_people(value, x["unit"], d.words)
+        return f"{size:.3g}", unit
+
+    ends = ["unbounded" if x[end] is None else number(x[end])[0] for end in ("low90", "high90", "low", "high")]
+    median = " ".join(number(x["median"])).rstrip() if x["determined"] else "not determined by these data"
     return [with_id(x["name"], d.names), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
-
-
-def _number(value: float, unit: str, words: Words) -> str:
-    number, name = for_people(value, unit, words)
-    return f"{number:.3g} {name}".rstrip()
-
-
-def _bound(value: float | None, unit: str, words: Words) -> str:
-    return "unbounded" if value is None else f"{for_people(value, unit, words)[0]:.3g}"
 
 
 def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:

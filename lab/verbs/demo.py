@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import secrets
@@ -28,7 +29,7 @@ from ..priority import BEHIND
 from ..processes import processes
 from .check import check
 from .compare import compare
-from .diagnose import Wanted, diagnose
+from .diagnose import VERBS as DIAGNOSE
 from .fakes import PATIENT, PATIENT_PAUSES, demand_speed, effects, write_rig
 from .fit import fit
 from .recorded import replay
@@ -91,8 +92,10 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     step("lab replay: the same numbers from the files alone", lambda: replay(files))
     step("lab fit", lambda: fit(files))
     step("lab compare: the paper's parameters", lambda: compare(files, None, None, False, None))
-    answers = Wanted(folder / "diagnosis.json", folder / "report.html", folder / "next")
-    step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
+    DIAGNOSE[0].add_to(options := argparse.ArgumentParser())
+    answers = {"--json": "diagnosis.json", "--report": "report.html", "--protocols": "next"}
+    asked = options.parse_args([*map(str, files), *(f"{name}={folder / file}" for name, file in answers.items())])
+    step("lab diagnose: which effect was withheld?", lambda: DIAGNOSE[0].call(asked))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))
     out.print(f"\nThe seal: {seal}")
     withheld = next(e for e in list_effects() if e.id == name)

@@ -17,8 +17,8 @@ from model.robot import Robot
 from ..files.all_protocols import found_protocols, protocol_keys
 from ..files.campaign_file import CampaignFile
 from ..files.config import ConfigError
+from ..files.map_file import Map
 from ..files.rig_file import RigFile
-from ..imports.map_file import Map
 from ..options import Result, Verb, option
 from .fakes import list_effects
 

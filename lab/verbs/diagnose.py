@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,31 +42,8 @@ from ..options import OF_CASE, OWN_EFFECTS, REPLACE, SCHEDULER, WORKERS, Result,
 from ..processes import cluster, for_case
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """Options of the verb: destinations in addition to the screen, inputs in addition to the campaign, and processors."""
-
-    json: Path | None = None
-    report: Path | None = None
-    protocols: Path | None = None
-    """Folder for the proposed experiments as protocol files."""
-    replace: bool = False
-    """Delete and replace that folder with everything in it."""
-    reference: Path | None = None
-    holdout: Path | None = None
-    effects: Path | None = None
-    """Python file with effects of one's own."""
-    baseline: Path | None = None
-    """Predictions of another simulator, replacing the rod's."""
-    simulator: str | None = None
-    """The same from the simulator itself."""
-    workers: int | None = None
-    scheduler: str | None = None
-    """Address of a Dask cluster that does the work."""
-
-
-def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Result:
-    """Diagnose recordings or a case. Raises ConfigError, BadEffect, RecordingError."""
+def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: argparse.Namespace) -> Result:
+    """Diagnose recordings or a case, as the options `wanted` of the verb say. Raises ConfigError, BadEffect, RecordingError."""
     demand_writable(wanted.json, wanted.report)
     demand_free(wanted.protocols, replace=wanted.replace, inputs=inputs)
     scheduler = wanted.scheduler
@@ -97,7 +74,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
     return Result()
 
 
-def _answer(case: Case, robot: Path | None, wanted: Wanted, executor: Executor) -> Diagnosis:
+def _answer(case: Case, robot: Path | None, wanted: argparse.Namespace, executor: Executor) -> Diagnosis:
     """Diagnose a case and, if an earlier campaign is given, what has changed since. Raises ConfigError."""
     weighed, left_out = catalogue(case.robot, wanted.effects)
     held = _held_out(wanted.holdout, robot) if wanted.holdout is not None else None
@@ -132,7 +109,7 @@ def _of_robot(case: Case) -> Case:
     return replace(case, table=table)
 
 
-def _baseline(case: Case, wanted: Wanted, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
+def _baseline(case: Case, wanted: argparse.Namespace, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
     """Predictions of a table or a simulator that replace the rod model's; None: the rod's own. Raises ConfigError."""
     given = [name for name in ("baseline", "simulator") if getattr(wanted, name) is not None]
     if not given:
@@ -246,21 +223,20 @@ def _proposals(d: Diagnosis) -> Sheet:
 
 
 def _diagnose_verb(a: argparse.Namespace) -> Result:
-    own = [field.name for field in fields(Wanted)]
     robot = a.robot or next((place / "robot.yaml" for place in a.inputs if (place / "robot.yaml").is_file()), None)
     if robot is not None and "links" in (described := read_yaml(robot)).table:
-        if foreign := [name for name in own if name not in OF_ARMS and getattr(a, name)]:
+        if foreign := [name for name in OF_SOFT_ROBOTS if getattr(a, name)]:
             raise ConfigError(f"--{foreign[0]}: is for soft robots, but {robot} describes an arm: leave it out")
         from .diagnose_arm import diagnose_arm  # with pandas
 
         return diagnose_arm(a.inputs, described, a.candidates, a.holdout, a.json, a.report)
     if a.candidates is not None:
         raise ConfigError(f"--candidates {a.candidates}: is for arms; give the arm's description with --robot")
-    return diagnose(a.inputs, a.robot, Wanted(**{name: getattr(a, name) for name in own}))
+    return diagnose(a.inputs, a.robot, a)
 
 
-OF_ARMS = ("json", "report", "holdout")
-"""Options that apply to an arm, too."""
+OF_SOFT_ROBOTS = ("protocols", "replace", "reference", "effects", "baseline", "simulator", "workers", "scheduler")
+"""Options that do not apply to an arm."""
 VERBS = (
     Verb(
         "diagnose",

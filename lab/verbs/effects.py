@@ -240,8 +240,7 @@ def _as_dict(s: Signature) -> dict[str, object]:
         **{key: getattr(s.effect, key) for key in ("id", "stage", "equation", "citation", "seen_best_in")},
         "family": s.effect.family_id,
         "parameters": [
-            {"name": p.name, "unit": p.unit, "scale": p.scale, "low": p.low, "high": p.high, "role": p.role}
-            for p in s.effect.parameters
+            {key: getattr(p, key) for key in ("name", "unit", "scale", "low", "high", "role")} for p in s.effect.parameters
         ],
         "read": s.how,
         "rms": s.rms,

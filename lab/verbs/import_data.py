@@ -15,12 +15,12 @@ from recordings.trials import counted
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load, read_yaml
 from ..files.jumps import believed
+from ..files.map_file import Source, map_of
 from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
 from ..imports.joining import experiments, joined, on_one_clock, stream_of
-from ..imports.map_file import Source, map_of
 from ..imports.proposal import Guess, asking, guess_text
 from ..imports.series import Series, listed
 from ..imports.table import imported

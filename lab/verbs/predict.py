@@ -32,11 +32,11 @@ from recordings.table_file import csv_text, read_numbers
 
 from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, demand_writable, load
+from ..files.map_file import factor
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..files.robot_numbers import doubtful_numbers
 from ..imports.headings import unit_named
-from ..imports.map_file import factor
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, path_option, repeatable
 from .run import Columns, planned_columns, protocol_plan, robot_facts, source_of
 
@@ -53,11 +53,8 @@ NO_INTERVAL = (
 )
 PICTURES = (".svg", ".png", ".pdf")
 
-Files = tuple[Path | None, Path | None]
-"""Table and figure to write in addition to the screen."""
 
-
-def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -> Result:
+def predict(robot: Robot, states: Columns, files: tuple[Path | None, Path | None], effects: Path | None) -> Result:
     """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
     catalogue = stated_by(robot, effects)
     notes = _judge(robot, states)
@@ -81,7 +78,7 @@ def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -
 
 
 def _result(
-    robot: Robot, files: Files, kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
+    robot: Robot, files: tuple[Path | None, Path | None], kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
     draw: Callable[[Path], None], missing: str, notes: list[str],
 ) -> Result:  # fmt: skip
     """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer.
@@ -126,7 +123,7 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
 def invert(
     robot: Robot,
     targets_path: Path,
-    files: Files,
+    files: tuple[Path | None, Path | None],
     effects: Path | None,
     spine_length: float | None,
     groups: tuple[tuple[int, ...], ...] | None,

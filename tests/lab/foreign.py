@@ -7,9 +7,9 @@ import numpy as np
 import yaml
 
 from lab.files.config import load, read_yaml
+from lab.files.map_file import Source, map_of
 from lab.imports.formats import read
 from lab.imports.guess import guess_map
-from lab.imports.map_file import Source, map_of
 from lab.imports.proposal import Guess, guess_text
 from lab.imports.table import Imported, imported
 from model.robot import Robot

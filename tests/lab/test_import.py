@@ -24,9 +24,9 @@ from test_import_matlab import matlab_hdf5
 import lab
 from diagnosis.edits.reading import read as judged
 from lab.files.config import ConfigError, load
+from lab.files.map_file import Frame, Plateaus, Source
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
-from lab.imports.map_file import Frame, Plateaus, Source
 from lab.imports.trials import plateaus
 from model.robot import Robot
 from recordings.table_file import read_csv

@@ -14,8 +14,8 @@ from foreign import ROBOT, by_map, plain, pressures, through, tips
 
 from benchmarks.faults.foreign_tables import PLATEAUS, sweep
 from lab.files.inputs import unconfirmed_guesses
+from lab.files.map_file import Source
 from lab.imports.formats import read
-from lab.imports.map_file import Source
 from lab.imports.table import Imported
 from recordings.table_file import read_csv
 

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.faults.foreign_tables import HEADINGS, PLATEAUS, STATES, sweep
 from lab.files.config import ConfigError, load
+from lab.files.map_file import Map, Source
 from lab.imports.formats import read
-from lab.imports.map_file import Map, Source
 
 # ------------------------------------------------------------------ MATLAB: columns where they are clear, else named
 ROWS = np.array(sweep())

@@ -11,10 +11,10 @@ from foreign import by_map, pressures, through, tips
 
 from benchmarks.faults.foreign_tables import BARE, HEADINGS, PLATEAUS, STATES, UNITS, Change, comma, sweep, text
 from lab.files.config import ConfigError
+from lab.files.map_file import Source
 from lab.imports.columns import judge, number
 from lab.imports.formats import read
 from lab.imports.headings import chamber, heading
-from lab.imports.map_file import Source
 
 FEW, MANY = sweep(), sweep(40)
 HIDDEN = 4

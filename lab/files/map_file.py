@@ -20,9 +20,9 @@ from model.arrays import Array
 from model.plain_yaml import FileTable
 from recordings.trials import AXES, NO_MOUNT, TEXTS, Axis, Mapped, column_order, unit_of
 
-from ..files.config import ConfigError, check, in_si
-from ..files.config import Source as Parsed
-from ..files.units import KINDS, plain_unit, usual
+from .config import ConfigError, check, in_si
+from .config import Source as Parsed
+from .units import KINDS, plain_unit, usual
 
 Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
 SQUARE, EXACT = 1.0, 1e-9
@@ -225,14 +225,8 @@ class Stiffness(FileTable):
     """Rows of a stiffness trial from files with a `force`: deflection against the file of the same repeat without one."""
 
     specimen: Literal["spine", "body"] = "body"
-    along: str = "-x"
+    along: Literal["x", "-x", "y", "-y", "z", "-z", "+x", "+y", "+z"] = "-x"
     """Axis of the robot along which the force deflects."""
-
-    @model_validator(mode="after")
-    def _axis(self) -> Stiffness:
-        if self.along not in AXES:
-            raise ValueError(f"along = {self.along!r}: must be one of x, -x, y, -y, z, -z")
-        return self
 
 
 class Own(BaseModel):
@@ -300,18 +294,16 @@ class Map(FileTable):
         for pattern, own in self.files.items():
             stated += [(f"files.{pattern}", own.constants), (f"files.{pattern}.columns", own.columns)]
         wrong = [f"{place}.{n}: is no column of trials.csv" for place, names in stated for n in names if column_order(n) is None]
-        if not any(own.columns or own.points or own.orientation for own in self.files.values()):
-            wrong += self.wrong_places()  # else judged for each file, as several patterns may fit one
         if wrong:
             raise ValueError("; ".join(wrong))
         return self
 
-    @property
-    def mount(self) -> tuple[float, ...] | None:
-        """(4,) of all files; None where they differ."""
+    def mapped(self, unit: str | None, call: bool = False) -> Mapped:
+        """How it makes a table, whose pressures are read in `unit`; `call`: stated by keys of lab.case."""
         of_files = [own.orientation for own in self.files.values() if own.orientation is not None]
-        stated = {o.mount for o in (self.orientation, *of_files) if o is not None} or {NO_MOUNT}
-        return stated.pop() if len(stated) == 1 else None
+        mount, *others = {o.mount for o in (self.orientation, *of_files) if o is not None} or {NO_MOUNT}
+        headings = tuple((name, str(column.column)) for name, column in self.columns.items())
+        return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount)
 
     def wrong_places(self) -> list[str]:
         """What is wrong with tip, orientation and trials."""
@@ -347,10 +339,17 @@ class Map(FileTable):
         return made
 
 
+def stated_map(source: Parsed, words: Words) -> Map:
+    """What a map states, perhaps not all that reading a file takes; raises ConfigError."""
+    return check(replace(source, units=(("Pa", units_for("p1", words)),)), Map)
+
+
 def map_of(source: Parsed, words: Words) -> Map:
     """The map of a robot driven as `words` say; raises ConfigError, also where a unit is none of its column."""
-    made = check(replace(source, units=(("Pa", units_for("p1", words)),)), Map)
-    before = f"{source.name}: "
+    made, before = stated_map(source, words), f"{source.name}: "
+    alike = not any(own.columns or own.points or own.orientation for own in made.files.values())
+    if alike and (wrong := made.wrong_places()):  # else judged for each file, as several patterns may fit one
+        raise ConfigError(f"{before}{'; '.join(wrong)}", placed=True)
     places: list[tuple[str, Map | Own]] = [("", made), *((f"files.{pattern}.", own) for pattern, own in made.files.items())]
     for place, own in places:
         for name, column in own.columns.items():
