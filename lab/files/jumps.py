@@ -7,13 +7,14 @@ far from its repeats. States repeat earlier ones to the last digit, as no readin
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from diagnosis.arrays import rows_by
+from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of, finite
 from diagnosis.data.levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
 from diagnosis.data.plausible import FARTHEST
@@ -165,27 +166,30 @@ def without_contradicted(table: Table, robot: Robot) -> Table:
     """A table that no import has checked without the places that jump and that others contradict, each with a warning."""
     rows = np.flatnonzero(table.with_tip)
     found = [j for j in jumps(table.take(rows), robot.length) if j.against] if len(rows) > AGAINST else ()
-    return _left_out(table, {(int(rows[j.state]), j.body): j.text(robot.actuators.words) for j in found})
+    said = {(int(rows[j.state]), j.body): j.text(robot.actuators.words) for j in found}
+    warnings = (f"{table.place(state)}: {text}" for (state, _), text in said.items())
+    return replace(without([*said], table)[0], warnings=(*table.warnings, *warnings))
 
 
 def believed(table: Table, robot: Robot) -> Table:
     """A table without states that are copies and places far from their repeats, with a warning for each block and place."""
+    every, copied, said = np.arange(len(table)), np.zeros(len(table), bool), list(table.warnings)
     if not table.with_tip.any():
         return table
-    kept, said = np.ones(len(table), bool), list(table.warnings)
-    for rows, of in copies(table):
-        kept[rows] = False
+    own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
+    for rows, of in copies(own):
+        copied[rows] = True
         block, earlier = (f"{table.place(each[0])} to {table.place(each[-1])}" for each in (rows, of))
         said.append(f"{block} repeat {earlier} to the last digit, as copies do and readings do not: left out")
-    table = replace(table.take(kept), warnings=tuple(said))
-    return _left_out(table, dict(strays(table, robot.length)))
+    stray = dict(strays(own.take(~copied[own.row]), robot.length))
+    said += (f"{table.place(state)}: {text}" for (state, _), text in stray.items())
+    kept, _ = without([*stray, *((row, 0) for row in np.flatnonzero(copied).tolist())], table)
+    return replace(kept, warnings=tuple(said))
 
 
-def copies(table: Table) -> Iterator[tuple[Ints, Ints]]:
+def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
     """Rows (k,) of states, and those of the earlier states whose pressures and places they repeat to the last digit, at least
     `COPIED` of both in a row. None where all repeats are alike, as in a simulated table."""
-    every = np.arange(len(table))
-    own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
     read = np.column_stack([own.tip, own.trials.pressures, own.spine_length, own.trials.markers.reshape(len(own), -1)])
     _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
     state, earlier = np.arange(len(own)), first[group.ravel()]
@@ -195,17 +199,10 @@ def copies(table: Table) -> Iterator[tuple[Ints, Ints]]:
         yield own.row[rows], own.row[earlier[rows]]
 
 
-def _left_out(table: Table, said: Mapping[tuple[int, int], str]) -> Table:
-    warnings = (*table.warnings, *(f"{table.place(state)}: {text}" for (state, _), text in said.items()))
-    return replace(without([*said], table)[0], warnings=warnings) if said else table
-
-
-def strays(table: Table, length: float) -> Iterator[tuple[tuple[int, int], str]]:
+def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
     """Places (state, body) far from the median of their state's repeats, by `TIMES_SCATTER` times what is usual and by `STRAY`
     lengths (m), and those out of reach; and what to say of each; of two repeats, both. None where more than `FEW` of all states
     are so: the readings of that table are like that."""
-    every = np.arange(len(table))
-    own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
         reach = np.linalg.norm(place, axis=1)
         off, seen = np.full(len(own), np.nan), np.flatnonzero(reach <= FARTHEST * length)
