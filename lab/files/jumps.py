@@ -62,25 +62,24 @@ class Jump:
 
     state: int
     """The one after the jump, from 0."""
-    body: int
-    """0: the tip, 1 .. markers."""
+    bodies: tuple[int, ...]
+    """0: the tip, 1 .. markers; and the one of a higher number with which it has changed places, if one."""
     distance: float
     """m"""
     pressure: float
     """Pa, the largest change of a chamber."""
-    exchanged: int | None = None
-    """The body of a higher number whose place it took, and which took its place."""
-    against: int = 0
+    against: int
     """States that all contradict this one, at least `AGAINST`, or 0: those at nearly the same pressures and loads, or those
     before and after it, if two points have changed places in this one alone."""
 
     def text(self, words: Words) -> str:
         """What moved, in the words for a robot's actuators, and that it is left out if others contradict it."""
+        names = [BODIES[body] for body in self.bodies]
         what = (
-            f"{BODIES[self.body]} moves by {1e3 * self.distance:.1f} mm while no {words.pressure} changes by more than "
+            f"{names[0]} moves by {1e3 * self.distance:.1f} mm while no {words.pressure} changes by more than "
             f"{self.pressure / words.pascal:.3g} {words.unit}, farther than the body can"
-            if self.exchanged is None
-            else f"{BODIES[self.body]} and {BODIES[self.exchanged]} swap places"
+            if len(names) == 1
+            else f"{' and '.join(names)} swap places"
         )
         left_out = f", unlike in all {self.against} states that compare with this one: left out"
         return what + left_out * bool(self.against)
@@ -135,11 +134,12 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
             alone = len(held) >= AGAINST and held[0] is not None and len(set(held)) == 1
             contradicted[state] = len(held) if alone else against(state, point, usual, limit)
         for i, other in taken.items():
+            bodies = (point,) if other is None else (point, other)
             state = int(earlier[i] if contradicted.get(int(earlier[i])) else later[i])
             moved, pressure = float(distance[i, point]), float(pressure_change[i])
-            found[state, point] = Jump(state, point, moved, pressure, other, contradicted.get(state, 0))
+            found[state, point] = Jump(state, bodies, moved, pressure, contradicted.get(state, 0))
     # each once: a state may be held against the one before it and the last one at rest, and both points change places
-    yield from (j for _, j in sorted(found.items()) if j.exchanged is None or j.body < j.exchanged)
+    yield from (jump for _, jump in sorted(found.items()) if jump.bodies[0] == min(jump.bodies))
 
 
 def _taken(before: Array, after: Array, point: int, limit: float) -> int | None:
@@ -166,9 +166,9 @@ def without_contradicted(table: Table, robot: Robot) -> Table:
     """A table that no import has checked without the places that jump and that others contradict, each with a warning."""
     rows = np.flatnonzero(table.with_tip)
     found = [j for j in jumps(table.take(rows), robot.length) if j.against] if len(rows) > AGAINST else ()
-    said = {(int(rows[j.state]), j.body): j.text(robot.actuators.words) for j in found}
-    warnings = (f"{table.place(state)}: {text}" for (state, _), text in said.items())
-    return replace(without([*said], table)[0], warnings=(*table.warnings, *warnings))
+    places = [(int(rows[j.state]), body) for j in found for body in j.bodies]
+    warnings = (f"{table.place(int(rows[j.state]))}: {j.text(robot.actuators.words)}" for j in found)
+    return replace(without(places, table)[0], warnings=(*table.warnings, *warnings))
 
 
 def believed(table: Table, robot: Robot) -> Table:

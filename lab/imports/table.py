@@ -231,7 +231,7 @@ def conclude(
     states = Table.stacked(parts)
     found = list(jumps(states, float(straight[2])))
     notes += _jump_notes(found, rows, every, robot.actuators.words)
-    contradicted = [(j.state, body) for j in found if j.against for body in (j.body, j.exchanged) if body is not None]
+    contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
     states, kept_states = without(contradicted, states)
     rows = list(compress(rows, kept_states))
     if wanted.straight in ("first state", "at rest"):
@@ -383,7 +383,7 @@ def _jump_notes(
         if number == MOST_JUMPS:
             yield f"{place}: the first of {len(found) - MOST_JUMPS} further points that move farther than the body can"
             return
-        doubt = "was it another marker, or was something moved?" if jump.exchanged is None else "were they confused?"
+        doubt = "was it another marker, or was something moved?" if len(jump.bodies) == 1 else "were they confused?"
         remedy = "put these rows into a separate file and name its columns under files: {PATTERN: {columns: ..}}"
         asked = f": {doubt} If so, {remedy}, or leave them out" * (not jump.against)
         yield f"{place}: {jump.text(words)}{asked}"

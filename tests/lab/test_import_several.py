@@ -132,6 +132,16 @@ def test_points_that_change_places_in_one_state_alone_are_left_out(tmp_path: Pat
         assert f"a.csv, line {row + 2}: the tip and marker 1 swap places, unlike in all" in note and len(made.table) == STATES - 1
 
 
+def test_markers_that_change_places_in_one_state_are_both_left_out_without_an_import(tmp_path: Path) -> None:
+    whole = read_all(tmp_path, {"a.csv": WHOLE}).table
+    places = {f"m{k}{a}": share * whole[a] for k, share in ((1, 0.3), (2, 0.8)) for a in "xyz"}
+    here = np.arange(STATES) == 6
+    swapped = {name: np.where(here, places[name.translate({49: 50, 50: 49})], own) for name, own in places.items()}
+    with pytest.warns(match="marker 1 and marker 2 swap places, unlike in all"):
+        table = lab.case(whole.replaced(swapped).to_pandas(), ROBOT).table
+    assert len(table) == STATES and (np.isnan(table.markers).all(axis=(1, 2)) == here).all()
+
+
 @pytest.mark.parametrize("body", [0, 1])
 def test_a_place_that_its_table_contradicts_is_left_out_without_an_import(body: int, tmp_path: Path) -> None:
     whole, x = read_all(tmp_path, {"a.csv": WHOLE}).table, ("x", "m1x")[body]
