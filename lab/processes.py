@@ -42,7 +42,7 @@ class Processes:
     ) -> None:
         self._pool, self._feeders, self._folder, self._first, self._lost = pool, feeders, folder, first, False
         self._do: object = None
-        self._sent, self._file = 0, folder
+        self._sent = 0
 
     def begun(self) -> None:
         """Wait until what they were to see to ahead is done; what fails there is met again here."""
@@ -63,10 +63,10 @@ class Processes:
         if do != self._do:  # two methods are the same where their objects are
             self._do = do
             self._sent += 1
-            self._file = self._folder / f"{self._sent}"
-            self._file.write_bytes(cloudpickle.dumps(do))  # what a person's file defines goes as a whole
+            # what a person's file defines goes as a whole
+            (self._folder / f"{self._sent}").write_bytes(cloudpickle.dumps(do))
         # One feeder for each process: what none of them has taken can still be done here.
-        file = str(self._file)
+        file = str(self._folder / f"{self._sent}")
         begun = [self._feeders.submit(lambda item: self._pool.submit(_done, file, item).result(), item) for item in items]
         return self._together(do, items, begun)
 

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress, pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -241,7 +242,7 @@ def conclude(
     if wanted.forces == "tip":
         states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
-    table = _numbered(states, counted, notes, _unmapped(rows, every))
+    table = _numbered(states, counted, notes, partial(_unmapped, rows, every))
     notes += _contradictions(table, float(straight[2]))
     _demand_mounted(table)
     if wanted.stiffness is not None:
@@ -529,7 +530,9 @@ def _unmapped(rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, Fil
     }  # fmt: skip
 
 
-def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str], unmapped: Mapping[str, NDArray[np.str_]]) -> Table:
+def _numbered(
+    states: Table, counted: Mapping[str, Name], notes: list[str], unmapped: Callable[[], Mapping[str, NDArray[np.str_]]]
+) -> Table:
     """Number trials, steps and repeats (of the same inflation), unless a column of `counted` does, and name branches."""
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
@@ -549,7 +552,7 @@ def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str], unma
         branch[of_trial] = np.where(branch[of_trial] == "", falls, branch[of_trial])
     if again and "repeat" in counted:
         pairs = [(of_trials[a - 1], of_trials[b - 1]) for a, b, _ in again]
-        differing = [name for name, cells in unmapped.items() if _sets_apart(cells, pairs)]
+        differing = [name for name, cells in unmapped().items() if _sets_apart(cells, pairs)]
         remedy = "correct it, or leave out columns.repeat to have equal trials counted"
         if differing:
             remedy = f"column {differing[0]!r} differs between them and is not used: map it, e.g. as tip_mass; or correct repeat"

@@ -45,9 +45,8 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     reading = judged(robot, credible)
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
-    result = replace(
-        result, notes=(*result.notes, *credible.warnings, *doubts(robot, result.table, str(robot_path)), *reading.asked)
-    )
+    doubtful = (*credible.warnings, *doubts(robot, result.table, str(robot_path)), *reading.asked)
+    result = replace(result, notes=(*result.notes, *doubtful))
     with whole(folder, OWN, replace_all, inputs) as (place, word):
         copied(robot_path, place / "robot.yaml")
         copied(map_path, place / MAP)

@@ -77,7 +77,7 @@ def wait_until(condition: Callable[[], object], within: float = 60.0) -> None:
 
 @contextlib.contextmanager
 def repeated(act: Callable[[], object], every: float) -> Iterator[None]:
-    """`act` is done once, and then every so many host seconds in a thread of its own until the block ends."""
+    """Call `act` now, and again each time `every` host seconds have passed, in a thread of its own until the block ends."""
     ended = timing.Event()
 
     def repeat() -> None:
