@@ -293,9 +293,8 @@ def _by_axis(p: Prepared, c: Candidate, reading: float) -> list[float]:
     left, of_pressure = p.tip(left), p.tip(of_pressure)
     read = np.isfinite(left).all(axis=1)
     repeats = [np.flatnonzero(read)[own] for own in rows_by(p.states.condition[read])]
-    beyond = sum(
-        (own.size * left[own].var(axis=0) - (1 - 1 / own.size) * of_pressure[own].sum(axis=0) for own in repeats), np.zeros(3)
-    )
+    each = (own.size * left[own].var(axis=0) - (own.size - 1) * of_pressure[own].mean(axis=0) for own in repeats)
+    beyond = sum(each, np.zeros(3))
     variance = (np.maximum(beyond, 0.0) + FEW_REPEATS * reading**2) / (read.sum() - len(repeats) + FEW_REPEATS)
     return [rounded(sd) for sd in np.sqrt(variance).tolist()]
 

@@ -234,12 +234,14 @@ def interval_closed(
     Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
     """
     names, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
+    if len(names) < 2:
+        return None
     drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first_state])
     n = np.bincount(index)[drawn].sum(axis=1)
     # m^2 above the floor in each draw, before and after, as in `share_closed`
     reducible, remaining = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
     shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
-    if len(names) < 2 or not shares.size:
+    if not shares.size:
         return None
     low, high = np.quantile(shares, [0.025, 0.975])
     return float(low), float(high)

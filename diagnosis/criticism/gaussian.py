@@ -1,9 +1,4 @@
-"""The distribution of the readings under a hypothesis, everything in it integrated out, and how they contradict it.
-
-A cause outside the catalogue leaves little in the residual, because similar effects are fitted in its place. It shows as repeats
-that scatter more than instruments and re-grown spines do (excess scatter), and as evidence for laws in error by more than the
-forms of a known cause differ (law error). Both make a cause outside the catalogue more probable (`outside`).
-"""
+"""The distribution of the readings under a hypothesis, everything in it integrated out, and how they contradict it."""
 
 from __future__ import annotations
 

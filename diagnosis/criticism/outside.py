@@ -7,7 +7,7 @@ Three kinds of such causes, with their prior odds against the catalogue:
 2. A stage's error of free form in addition to the named effects (`stage_errors`).
 3. A cause that looks exactly like a named one.
 
-The last two become more probable as repeats scatter more than instruments and re-grown spines do.
+The last two become more probable as repeats scatter more than usual.
 Log evidence is divided by the temperature, as everywhere.
 """
 

@@ -104,5 +104,5 @@ def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Arra
     if model.smooth:  # with the most probable discrepancy of what the fit leaves of the values that it has seen
         left = smooth.T @ rest.noise.whiten(rest.observed - found.predicted)
         most_probable = np.asarray(np.linalg.solve(np.eye(len(left)) + size**2 * rest.gram, left), float)
-        everywhere = everywhere + size**2 * (problem.smooth.discrepancy @ most_probable)
+        everywhere = everywhere + size**2 * problem.smooth.drawn(most_probable)
     return everywhere

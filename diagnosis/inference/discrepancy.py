@@ -58,6 +58,11 @@ class SmoothErrors:
         """(n,) standard deviation of a discrepancy of size 1."""
         return np.asarray(self.size * np.linalg.norm(self.draws, axis=1))
 
+    def drawn(self, coefficients: Array) -> Array:
+        """(n,) the discrepancy of size 1 with these coefficients (m * channels,)."""
+        of_channel = coefficients.reshape(-1, self.channels).T
+        return np.asarray(self.size * (self.draws * of_channel[self.channel]).sum(axis=1))
+
     def laws(self, response: Array) -> Array:
         """(n, m * channels) columns of a relative error of size 1 of a law that contributes `response` (n,) to the values."""
         return self._columns(response, np.asarray(np.linalg.cholesky(0.5 * (1 + np.eye(self.channels))), float))
