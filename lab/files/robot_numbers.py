@@ -79,8 +79,8 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
 
 
 def _replaced(robot: Robot, table: Table) -> Iterator[str]:
-    """A warning if column tip_mass replaces a larger tip_mass of robot.yaml."""
-    masses = table.get("tip_mass")
+    """A warning if column tip_mass replaces a larger tip_mass of robot.yaml; a specimen that is pushed carries none."""
+    masses = table.get("tip_mass")[~table.pushed]
     if (masses < robot.tip_mass).any():
         shown, least, most = (f"{1e3 * kg:.4g}" for kg in (robot.tip_mass, np.nanmin(masses), np.nanmax(masses)))
         yield (

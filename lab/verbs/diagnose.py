@@ -46,14 +46,13 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: argparse.Namesp
     """Diagnose recordings or a case, as the options `wanted` of the verb say. Raises ConfigError, BadEffect, RecordingError."""
     demand_writable(wanted.json, wanted.report)
     demand_free(wanted.protocols, replace=wanted.replace, inputs=inputs)
-    scheduler = wanted.scheduler
     with ExitStack() as open_while_diagnosed:
-        pool_for = open_while_diagnosed.enter_context(for_case(wanted.workers if scheduler is None else 1))
+        pool_for = open_while_diagnosed.enter_context(for_case(wanted.workers if wanted.scheduler is None else 1))
         case = read_case(inputs, robot)
         if wanted.baseline is not None or wanted.simulator is not None:
             case = _of_robot(case)
         note(marked_notes(case.table))
-        there = None if scheduler is None else open_while_diagnosed.enter_context(cluster(scheduler)).in_order
+        there = None if wanted.scheduler is None else open_while_diagnosed.enter_context(cluster(wanted.scheduler)).in_order
         answer = _answer(case, robot, wanted, Executor(remote_map=there or pool_for(len(case.table))))
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if wanted.json is not None:
@@ -202,7 +201,8 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     """The hypotheses as a table, most probable first."""
-    t = titled("What the data support", ("hypothesis", "p, by all fits", "log evidence, of one fit", "unseen states", "size"))
+    title = "What the data support (p: by all fits; log evidence: of one fit)"
+    t = titled(title, ("hypothesis", "p", "log evidence", "unseen states", "size"))
     for r in (r for r in ranking if r.probability >= LEAST_STATED):
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
         evidence = f"{r.log_evidence:.1f}".replace("nan", "")

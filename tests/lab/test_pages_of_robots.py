@@ -124,7 +124,8 @@ def test_the_heads_of_a_ranking_say_why_probability_and_evidence_may_disagree(ma
     first, second, *_ = Diagnosis.from_json(made[1].read_text()).attribute.ranking
     outside = replace(second, probability=0.2, effects=("unknown",), log_evidence=float("nan"))
     assert "nan" not in shown(first, outside)
-    in_command = " ".join(str(column.header) for column in ranked((first,), Chambers.words).columns)
+    in_command = " ".join(shown(first).split())
+    assert all(effect in in_command for effect in first.effects)
     for text in (in_command, made[2].read_text()):
         assert {"by all fits", "of one fit"} == {*re.findall("by all fits|of one fit", text)}
 

@@ -75,6 +75,8 @@ def test_a_column_of_masses_that_replaces_a_larger_one_of_the_robot_is_asked_abo
     (said,) = doubts(ARM.replace(tip_mass=0.022), masses, "robot.yaml")
     assert said.startswith("column tip_mass (0 to 50 g) replaces the tip_mass of 22 g of robot.yaml: does it include them?")
     assert not doubts(ARM, masses, "robot.yaml")
+    pushed = masses.replaced({"protocol": np.array(["stiffness", "bending"]), "tip_mass": np.array([0.0, 0.022])})
+    assert not doubts(ARM.replace(tip_mass=0.022), pushed, "robot.yaml")
 
 
 def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> None:
