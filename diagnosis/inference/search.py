@@ -72,20 +72,26 @@ class Search:
         self._promised: dict[Key, float] = {}
         self._none: dict[bool, Candidate] = {}
         self._standing = Standing()
-        calibrated = self.fit(NONE, False, judgement.FIT_DISCREPANCY_SIZE, np.zeros_like(problem.parameters.sd), 4)
-        self._begin_at(calibrated.whole(problem, NONE), False)
-        tolerant = self._weigh(NONE, self.fit(NONE, True, judgement.FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
-        self._begin_at(self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
+        self._calibrated(False)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickled without earlier candidates."""
         return vars(self) | {"_tried": {}, "_queue": [], "_promised": {}}
 
-    def _begin_at(self, none: Fit, with_tolerances: bool) -> None:
-        """Keep a fit of none, around which the search begins."""
-        (found,) = self.around(self._as_reference(replace(none, form_error=FormError(NONE, {}))), [NONE], with_tolerances)
-        self._none[with_tolerances] = replace(found, turns=1, ended=True)
-        self._add([self._none[with_tolerances]])
+    def _calibrated(self, with_tolerances: bool) -> Candidate:
+        """None, without tolerances or with them, around which the search begins; fitted once."""
+        if with_tolerances not in self._none:
+            size, start = judgement.FIT_DISCREPANCY_SIZE, np.zeros_like(self.problem.parameters.sd)
+            if with_tolerances:
+                tolerant = self._weigh(NONE, self.fit(NONE, True, size, self._calibrated(False).fit, 3), True)
+                none = self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5)
+            else:
+                none = self.fit(NONE, False, size, start, 4).whole(self.problem, NONE)
+            reference = self._as_reference(replace(none, form_error=FormError(NONE, {})))
+            (found,) = self.around(reference, [NONE], with_tolerances)
+            self._none[with_tolerances] = replace(found, turns=1, ended=True)
+            self._add([self._none[with_tolerances]])
+        return self._none[with_tolerances]
 
     @property
     def found(self) -> dict[Hypothesis, Candidate]:
@@ -105,6 +111,7 @@ class Search:
 
     def run(self, begun: Sequence[tuple[Hypothesis, Array]] = ()) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first; some are `begun` at parameters (k,) of their own, too."""
+        self._calibrated(True)
         first = self._first()
         first += [self._to_the_end(named, False, judgement.FIT_DISCREPANCY_SIZE, theta) for named, theta in begun]
         self._add(first)
@@ -224,7 +231,7 @@ class Search:
             return [extended, switched, *others]
         points = [switched]
         if len(c.named) == 1 and needs_own(self.problem.parameters, c.named):
-            none = self._none[switched.with_tolerances].fit
+            none = self._calibrated(switched.with_tolerances).fit
             points += self._at_starts(*self.around(none, [c.named], switched.with_tolerances))
         return [extended, *map(self._turn, points), *others]
 
@@ -252,7 +259,7 @@ class Search:
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.base)
         if c.turns and c.base is not None:
             start = c.fit.theta  # all derivatives are recomputed
-        elif not c.turns and far(self.problem, c.fit.predicted, self._none[c.with_tolerances].fit):
+        elif not c.turns and far(self.problem, c.fit.predicted, self._calibrated(c.with_tolerances).fit):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             start, rounds, frozen = recalibrated(self.problem, c.fit.theta), ROUNDS, None
         fitted = self.fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
@@ -296,8 +303,11 @@ class Search:
         if named:
             (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
-        points: list[Array | Fit] = [begun.fit, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta, *more]
-        each = ((size, at) for size in {begun.grid_point.size, 0.0} for at in points)
+        own: list[tuple[float, Array | Fit]] = [(begun.grid_point.size, begun.fit)]
+        own.append((0.0, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta))
+        # a calibration is nearly linear: each size has one start
+        every = itertools.product({size for size, _ in own}, [*(at for _, at in own), *more])
+        each = every if named or more else own
         ends = (self.fit(named, False, size, at, LAST_ROUNDS, least_promise=WRITTEN_PROMISE) for size, at in each)
         return max((self._weigh(named, end, False) for end in ends), key=_evidence)
 

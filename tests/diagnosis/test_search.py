@@ -93,7 +93,7 @@ def test_an_effect_is_weighed_at_its_own_starts_in_both_ways_where_none_is_as_pr
     problem, play = toy_problem(3, {}), IDS.index("play")
     problem.parameters.lower[play] = 0.0  # one-sided
     search = Search(problem)
-    assert abs(search._none[False].log_evidence - search._none[True].log_evidence) < judgement.SEARCH_MARGIN
+    assert abs(search._calibrated(True).log_evidence - search._calibrated(False).log_evidence) < judgement.SEARCH_MARGIN
     begun = [c.with_tolerances for c in search._first() if c.named == ("play",) and c.fit.theta[play]]
     assert set(begun) == {False, True}
 
