@@ -2,12 +2,12 @@
 
 A point jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of
 pressure have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved. A place is
-far from its repeats. States repeat earlier ones to the last digit, as no reading does.
+far from its repeats. States repeat earlier ones to the last digit, as no reading does. A number is far beyond all others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,12 +16,14 @@ import numpy as np
 from diagnosis.arrays import rows_by
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of, finite
-from diagnosis.data.levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
+from diagnosis.data.levels import MASS_GAP, REST, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
 from diagnosis.data.plausible import FARTHEST
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
 from recordings.trials import Table, marker_columns
+
+from .robot_numbers import ABOVE
 
 
 def at_rest(pressures: Array) -> Mask:
@@ -53,6 +55,8 @@ some with laws that snap, one state in 231 is 0.034 lengths away); the share of 
 what lasts for a trial, such as a slip of the mount, makes more."""
 COPIED = 6
 """States in a row that repeat earlier ones to the last digit before they are copies: readings in whole mm may do so by chance."""
+SLIPPED = 3.0
+"""Times the highest of the others beyond which a number has a slip of its decimal mark, which makes it ten times as large."""
 BODIES = ("the tip", *(f"marker {k}" for k in range(1, 100)))
 
 
@@ -171,32 +175,74 @@ def without_contradicted(table: Table, robot: Robot) -> Table:
     return replace(without(places, table)[0], warnings=(*table.warnings, *warnings))
 
 
-def believed(table: Table, robot: Robot) -> Table:
-    """A table without states that are copies and places far from their repeats, with a warning for each block and place."""
-    every, copied, said = np.arange(len(table)), np.zeros(len(table), bool), list(table.warnings)
-    if not table.with_tip.any():
+def believed(table: Table, robot: Robot, place: Callable[[int], str] | None = None) -> Table:
+    """A table without states with slips or that are copies, and places far from their repeats, with a warning for each block and
+    place; `place` names a state in them, `table.place` if None."""
+    place, rows, said = place or table.place, np.flatnonzero(table.with_tip & finite(table)), list(table.warnings)
+    if not rows.size:
         return table
-    own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
-    for rows, of in copies(own):
-        copied[rows] = True
-        block, earlier = (f"{table.place(each[0])} to {table.place(each[-1])}" for each in (rows, of))
-        said.append(f"{block} repeat {earlier} to the last digit, as copies do and readings do not: left out")
-    stray = dict(strays(own.take(~copied[own.row]), robot.length))
-    said += (f"{table.place(state)}: {text}" for (state, _), text in stray.items())
-    kept, _ = without([*stray, *((row, 0) for row in np.flatnonzero(copied).tolist())], table)
+    gone = {int(rows[state]): f": {text}" for state, text in slips(table.take(rows), robot)}
+    own = campaign_of(table, np.setdiff1d(rows, [*gone]), rows[:0])
+    for block, of, why in copies(own):
+        last, first, until = (place(row) for row in (block[-1], of[0], of[-1]))
+        ends = (f" to {last} repeat", f" to {until}") if block.size > 1 else (" repeats", "")
+        gone |= dict.fromkeys(block.tolist(), "") | {
+            int(block[0]): f"{ends[0]} {first}{ends[1]} to the last digit, {why}: left out"
+        }
+    stray = dict(strays(own.take(~np.isin(own.row, [*gone])), robot.length))
+    said += (f"{place(row)}{text}" for row, text in gone.items() if text)
+    said += (f"{place(row)}: {text}" for (row, _), text in stray.items())
+    kept, _ = without([*stray, *((row, 0) for row in gone)], table)
     return replace(kept, warnings=tuple(said))
 
 
-def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
-    """Rows (k,) of states, and those of the earlier states whose pressures and places they repeat to the last digit, at least
-    `COPIED` of both in a row. None where all repeats are alike, as in a simulated table."""
-    read = np.column_stack([own.tip, own.trials.pressures, own.spine_length, own.trials.markers.reshape(len(own), -1)])
+def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
+    """States with a pressure far above max_pressure and the others (without max_pressure: `SLIPPED` times these), or far below
+    zero, a spine longer than the robot, or a mass `SLIPPED` times the others in a part of a trial; and what to say of each. None
+    where more than `FEW` of all states are so: a question of the unit."""
+    words, most, few, others = robot.actuators.words, robot.max_pressure, int(FEW * len(states)), "the highest of the others"
+    highest, lowest, mass = states.pressures.max(axis=1), states.pressures.min(axis=1), states.get("tip_mass", 0.0)
+    top, load = (max(float(np.sort(values)[-1 - few]), least) for values, least in ((highest, REST), (mass, MASS_GAP)))
+    above, limit = (SLIPPED * top, others) if most is None else (ABOVE * max(top, most), f"max_{words.pressure}")
+    heavy = mass > SLIPPED * load
+    for far, values, usual, unit, size, of in (
+        (highest > above, highest, most or top, words.unit, words.pascal, limit),
+        (lowest < -CHANGED * top, lowest, top, words.unit, words.pascal, others),
+        (states.spine_length > robot.length + SPINE_GAP, states.spine_length, robot.length, "mm", 1e-3, "the robot's length"),
+        (heavy & np.isin(states.trial, states.trial[~heavy]), mass, load, "g", 1e-3, others),
+    ):
+        remedy = "correct the cell" + ", or robot.yaml" * (of != others)
+        for i in np.flatnonzero(far).tolist() if far.sum() <= few else ():
+            times = f"{values[i] / usual:.2g} times {of} ({usual / size:.4g} {unit})"
+            yield i, f"{values[i] / size:.4g} {unit}, {times}: left out; {remedy}"
+
+
+def copies(own: Campaign) -> Iterator[tuple[Ints, Ints, str]]:
+    """Rows (k,) of states, those of the earlier states that they repeat to the last digit, and how that comes: pressures and places
+    of at least `COPIED` in a row, or the places alone of the state before, from which pressures changed, in up to `FEW` states.
+    None where all repeats are alike, as in a simulated table, or, of places, more than `FEW`."""
+    pressures, places = own.trials.pressures, np.column_stack([own.tip, own.trials.markers.reshape(len(own), -1)])
+    state, few = np.arange(len(own)), max(1.0, FEW * len(own))
+    earlier, seen = (_first_alike(read) for read in (np.column_stack([places, pressures, own.spine_length]), places))
+    first = np.unique(earlier)
+    if len(np.unique(own.condition[first])) == len(first):
+        return
+    blocks = [
+        b for b in np.split(state, np.flatnonzero(np.diff(state - earlier)) + 1) if b.size >= COPIED and earlier[b[0]] != b[0]
+    ]
+    for rows in blocks:
+        yield own.row[rows], own.row[earlier[rows]], "as copies do and readings do not"
+    alike = (seen != state) & ~np.isin(state, np.concatenate([state[:0], *blocks]))
+    changed = np.abs(pressures - pressures[seen]).max(axis=1) > CHANGED * np.ptp(pressures)
+    frozen = np.flatnonzero(alike & changed & (np.diff(seen, prepend=-1) == 0))
+    for i in frozen.tolist() if alike.sum() <= few else ():
+        yield own.row[[i]], own.row[seen[[i]]], "though the pressures differ, as of a tracker that stood still"
+
+
+def _first_alike(read: Array) -> Ints:
+    """(n,) the first row of `read` (n, k) that is equal to each, NaN to NaN."""
     _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
-    state, earlier = np.arange(len(own)), first[group.ravel()]
-    blocks = np.split(state, np.flatnonzero(np.diff(state - earlier)) + 1)
-    scatters = len(np.unique(own.condition[first])) < len(first)
-    for rows in (b for b in blocks if scatters and b.size >= COPIED and earlier[b[0]] != b[0]):
-        yield own.row[rows], own.row[earlier[rows]]
+    return np.asarray(first[group.ravel()])
 
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
