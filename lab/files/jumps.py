@@ -176,22 +176,20 @@ def without_contradicted(table: Table, robot: Robot) -> Table:
 
 
 def believed(table: Table, robot: Robot, place: Callable[[int], str] | None = None) -> Table:
-    """A table without states with slips or that are copies, and places far from their repeats, with a warning for each block and
-    place; `place` names a state in them, `table.place` if None."""
-    place, rows, said = place or table.place, np.flatnonzero(table.with_tip & finite(table)), list(table.warnings)
-    if not rows.size:
+    """A table without states with slips or that repeat others to the last digit, and places far from their repeats, with a
+    warning for each; `place` names a state in them, `table.place` if None."""
+    place, every, said = place or table.place, np.flatnonzero(table.with_tip & finite(table)), list(table.warnings)
+    if not every.size:
         return table
-    gone = {int(rows[state]): f": {text}" for state, text in slips(table.take(rows), robot)}
-    own = campaign_of(table, np.setdiff1d(rows, [*gone]), rows[:0])
-    for block, of, why in copies(own):
-        last, first, until = (place(row) for row in (block[-1], of[0], of[-1]))
-        ends = (f" to {last} repeat", f" to {until}") if block.size > 1 else (" repeats", "")
-        gone |= dict.fromkeys(block.tolist(), "") | {
-            int(block[0]): f"{ends[0]} {first}{ends[1]} to the last digit, {why}: left out"
-        }
+    slipped = {int(every[state]): text for state, text in slips(table.take(every), robot)}
+    own = campaign_of(table, np.setdiff1d(every, [*slipped]), every[:0])
+    repeated = list(copies(own))
+    gone = {*slipped}.union(*(rows.tolist() for rows, _ in repeated))
     stray = dict(strays(own.take(~np.isin(own.row, [*gone])), robot.length))
-    said += (f"{place(row)}{text}" for row, text in gone.items() if text)
-    said += (f"{place(row)}: {text}" for (row, _), text in stray.items())
+    for blocks in repeated:
+        block, earlier = (" to ".join(dict.fromkeys((place(rows[0]), place(rows[-1])))) for rows in blocks)
+        said.append(f"{block}: repeats {earlier} to the last digit, as copies and a tracker that stands still do: left out")
+    said += (f"{place(row)}: {text}" for row, text in (*slipped.items(), *((row, text) for (row, _), text in stray.items())))
     kept, _ = without([*stray, *((row, 0) for row in gone)], table)
     return replace(kept, warnings=tuple(said))
 
@@ -201,48 +199,41 @@ def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
     zero, a spine longer than the robot, or a mass `SLIPPED` times the others in a part of a trial; and what to say of each. None
     where more than `FEW` of all states are so: a question of the unit."""
     words, most, few, others = robot.actuators.words, robot.max_pressure, int(FEW * len(states)), "the highest of the others"
-    highest, lowest, mass = states.pressures.max(axis=1), states.pressures.min(axis=1), states.get("tip_mass", 0.0)
-    top, load = (max(float(np.sort(values)[-1 - few]), least) for values, least in ((highest, REST), (mass, MASS_GAP)))
+    highest, lowest, spine = states.pressures.max(axis=1), states.pressures.min(axis=1), states.spine_length
+    mass, pressure, pascal = states.get("tip_mass", 0.0), (words.pressure, words.unit), words.pascal
+    top, load = (float(np.sort(values)[-1 - few]) for values in (highest, mass))
+    top, load = top if top > REST else np.inf, load or np.inf  # where nearly all have none, nothing stands out
     above, limit = (SLIPPED * top, others) if most is None else (ABOVE * max(top, most), f"max_{words.pressure}")
     heavy = mass > SLIPPED * load
-    for far, values, usual, unit, size, of in (
-        (highest > above, highest, most or top, words.unit, words.pascal, limit),
-        (lowest < -CHANGED * top, lowest, top, words.unit, words.pascal, others),
-        (states.spine_length > robot.length + SPINE_GAP, states.spine_length, robot.length, "mm", 1e-3, "the robot's length"),
-        (heavy & np.isin(states.trial, states.trial[~heavy]), mass, load, "g", 1e-3, others),
+    for far, (name, unit), size, values, usual, of in (
+        (highest > above, pressure, pascal, highest, most or top, limit),
+        (lowest < -CHANGED * top, pressure, pascal, lowest, top, others),
+        (spine > robot.length + SPINE_GAP, ("spine_length", "mm"), 1e-3, spine, robot.length, "the robot's length"),
+        (heavy & np.isin(states.trial, states.trial[~heavy]), ("tip_mass", "g"), 1e-3, mass, load, others),
     ):
         remedy = "correct the cell" + ", or robot.yaml" * (of != others)
         for i in np.flatnonzero(far).tolist() if far.sum() <= few else ():
             times = f"{values[i] / usual:.2g} times {of} ({usual / size:.4g} {unit})"
-            yield i, f"{values[i] / size:.4g} {unit}, {times}: left out; {remedy}"
+            yield i, f"{name} {values[i] / size:.4g} {unit}, {times}: left out; {remedy}"
 
 
-def copies(own: Campaign) -> Iterator[tuple[Ints, Ints, str]]:
-    """Rows (k,) of states, those of the earlier states that they repeat to the last digit, and how that comes: pressures and places
-    of at least `COPIED` in a row, or the places alone of the state before, from which pressures changed, in up to `FEW` states.
-    None where all repeats are alike, as in a simulated table, or, of places, more than `FEW`."""
-    pressures, places = own.trials.pressures, np.column_stack([own.tip, own.trials.markers.reshape(len(own), -1)])
-    state, few = np.arange(len(own)), max(1.0, FEW * len(own))
-    earlier, seen = (_first_alike(read) for read in (np.column_stack([places, pressures, own.spine_length]), places))
-    first = np.unique(earlier)
-    if len(np.unique(own.condition[first])) == len(first):
-        return
-    blocks = [
-        b for b in np.split(state, np.flatnonzero(np.diff(state - earlier)) + 1) if b.size >= COPIED and earlier[b[0]] != b[0]
-    ]
-    for rows in blocks:
-        yield own.row[rows], own.row[earlier[rows]], "as copies do and readings do not"
-    alike = (seen != state) & ~np.isin(state, np.concatenate([state[:0], *blocks]))
-    changed = np.abs(pressures - pressures[seen]).max(axis=1) > CHANGED * np.ptp(pressures)
-    frozen = np.flatnonzero(alike & changed & (np.diff(seen, prepend=-1) == 0))
-    for i in frozen.tolist() if alike.sum() <= few else ():
-        yield own.row[[i]], own.row[seen[[i]]], "though the pressures differ, as of a tracker that stood still"
-
-
-def _first_alike(read: Array) -> Ints:
-    """(n,) the first row of `read` (n, k) that is equal to each, NaN to NaN."""
+def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
+    """Rows (k,) of states, and those of the earlier states whose places they repeat to the last digit: at least `COPIED` in a row
+    at the same pressures; or one the state before it at other pressures, if up to `FEW` of all states (or one) do so. None where
+    all repeats are alike, as in a simulated table."""
+    pressures, state = own.trials.pressures, np.arange(len(own))
+    read = np.column_stack([own.tip, own.spine_length, own.trials.markers.reshape(len(own), -1)])
     _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[group.ravel()])
+    earlier, scatters = first[group.ravel()], len(np.unique(own.condition[first])) < len(first)
+    change = np.abs(pressures - pressures[earlier]).max(axis=1, initial=0.0)
+    alike = (earlier != state) & scatters
+    blocks = np.split(state, np.flatnonzero(np.diff(state - earlier)) + 1)
+    for rows in (b for b in blocks if b.size >= COPIED and alike[b[0]] and not change[b].any()):
+        alike[rows] = False
+        yield own.row[rows], own.row[earlier[rows]]
+    frozen = alike & (np.diff(earlier, prepend=-1) == 0) & (change > CHANGED * np.ptp(pressures))
+    for i in np.flatnonzero(frozen).tolist() if alike.sum() <= max(1.0, FEW * len(own)) else ():
+        yield own.row[[i]], own.row[earlier[[i]]]
 
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
