@@ -2,12 +2,12 @@
 
 A point jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of
 pressure have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved. A place is
-far from its repeats. States repeat earlier ones to the last digit, as no reading does.
+far from its repeats. States repeat earlier ones to the last digit, as no reading does. A number is far beyond all others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,12 +16,14 @@ import numpy as np
 from diagnosis.arrays import rows_by
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of, finite
-from diagnosis.data.levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
+from diagnosis.data.levels import MASS_GAP, REST, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
 from diagnosis.data.plausible import FARTHEST
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
 from recordings.trials import Table, marker_columns
+
+from .robot_numbers import ABOVE
 
 
 def at_rest(pressures: Array) -> Mask:
@@ -53,6 +55,8 @@ some with laws that snap, one state in 231 is 0.034 lengths away); the share of 
 what lasts for a trial, such as a slip of the mount, makes more."""
 COPIED = 6
 """States in a row that repeat earlier ones to the last digit before they are copies: readings in whole mm may do so by chance."""
+SLIPPED = 3.0
+"""Times the highest of the others beyond which a number has a slip of its decimal mark, which makes it ten times as large."""
 BODIES = ("the tip", *(f"marker {k}" for k in range(1, 100)))
 
 
@@ -171,32 +175,65 @@ def without_contradicted(table: Table, robot: Robot) -> Table:
     return replace(without(places, table)[0], warnings=(*table.warnings, *warnings))
 
 
-def believed(table: Table, robot: Robot) -> Table:
-    """A table without states that are copies and places far from their repeats, with a warning for each block and place."""
-    every, copied, said = np.arange(len(table)), np.zeros(len(table), bool), list(table.warnings)
-    if not table.with_tip.any():
+def believed(table: Table, robot: Robot, place: Callable[[int], str] | None = None) -> Table:
+    """A table without states with slips or that repeat others to the last digit, and places far from their repeats, with a
+    warning for each; `place` names a state in them, `table.place` if None."""
+    place, every, said = place or table.place, np.flatnonzero(table.with_tip & finite(table)), list(table.warnings)
+    if not every.size:
         return table
-    own = campaign_of(table, every[table.with_tip & finite(table)], every[:0])
-    for rows, of in copies(own):
-        copied[rows] = True
-        block, earlier = (f"{table.place(each[0])} to {table.place(each[-1])}" for each in (rows, of))
-        said.append(f"{block} repeat {earlier} to the last digit, as copies do and readings do not: left out")
-    stray = dict(strays(own.take(~copied[own.row]), robot.length))
-    said += (f"{table.place(state)}: {text}" for (state, _), text in stray.items())
-    kept, _ = without([*stray, *((row, 0) for row in np.flatnonzero(copied).tolist())], table)
+    slipped = {int(every[state]): text for state, text in slips(table.take(every), robot)}
+    own = campaign_of(table, np.setdiff1d(every, [*slipped]), every[:0])
+    repeated = list(copies(own))
+    gone = {*slipped}.union(*(rows.tolist() for rows, _ in repeated))
+    stray = dict(strays(own.take(~np.isin(own.row, [*gone])), robot.length))
+    for blocks in repeated:
+        block, earlier = (" to ".join(dict.fromkeys((place(rows[0]), place(rows[-1])))) for rows in blocks)
+        said.append(f"{block}: repeats {earlier} to the last digit, as copies and a tracker that stands still do: left out")
+    said += (f"{place(row)}: {text}" for row, text in (*slipped.items(), *((row, text) for (row, _), text in stray.items())))
+    kept, _ = without([*stray, *((row, 0) for row in gone)], table)
     return replace(kept, warnings=tuple(said))
 
 
+def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
+    """States with a pressure far above max_pressure and the others (without max_pressure: `SLIPPED` times these), or far below
+    zero, a spine longer than the robot, or a mass `SLIPPED` times the others in a part of a trial; and what to say of each. None
+    where more than `FEW` of all states are so: a question of the unit."""
+    words, most, few, others = robot.actuators.words, robot.max_pressure, int(FEW * len(states)), "the highest of the others"
+    highest, lowest, spine = states.pressures.max(axis=1), states.pressures.min(axis=1), states.spine_length
+    mass, pressure, pascal = states.get("tip_mass", 0.0), (words.pressure, words.unit), words.pascal
+    top, load = (float(np.sort(values)[-1 - few]) for values in (highest, mass))
+    top, load = top if top > REST else np.inf, load or np.inf  # where nearly all have none, nothing stands out
+    above, limit = (SLIPPED * top, others) if most is None else (ABOVE * max(top, most), f"max_{words.pressure}")
+    heavy = mass > SLIPPED * load
+    for far, (name, unit), size, values, usual, of in (
+        (highest > above, pressure, pascal, highest, most or top, limit),
+        (lowest < -CHANGED * top, pressure, pascal, lowest, top, others),
+        (spine > robot.length + SPINE_GAP, ("spine_length", "mm"), 1e-3, spine, robot.length, "the robot's length"),
+        (heavy & np.isin(states.trial, states.trial[~heavy]), ("tip_mass", "g"), 1e-3, mass, load, others),
+    ):
+        remedy = "correct the cell" + ", or robot.yaml" * (of != others)
+        for i in np.flatnonzero(far).tolist() if far.sum() <= few else ():
+            times = f"{values[i] / usual:.2g} times {of} ({usual / size:.4g} {unit})"
+            yield i, f"{name} {values[i] / size:.4g} {unit}, {times}: left out; {remedy}"
+
+
 def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
-    """Rows (k,) of states, and those of the earlier states whose pressures and places they repeat to the last digit, at least
-    `COPIED` of both in a row. None where all repeats are alike, as in a simulated table."""
-    read = np.column_stack([own.tip, own.trials.pressures, own.spine_length, own.trials.markers.reshape(len(own), -1)])
+    """Rows (k,) of states, and those of the earlier states whose places they repeat to the last digit: at least `COPIED` in a row
+    at the same pressures; or one the state before it at other pressures, if up to `FEW` of all states (or one) do so. None where
+    all repeats are alike, as in a simulated table."""
+    pressures, state = own.trials.pressures, np.arange(len(own))
+    read = np.column_stack([own.tip, own.spine_length, own.trials.markers.reshape(len(own), -1)])
     _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
-    state, earlier = np.arange(len(own)), first[group.ravel()]
+    earlier, scatters = first[group.ravel()], len(np.unique(own.condition[first])) < len(first)
+    change = np.abs(pressures - pressures[earlier]).max(axis=1, initial=0.0)
+    alike = (earlier != state) & scatters
     blocks = np.split(state, np.flatnonzero(np.diff(state - earlier)) + 1)
-    scatters = len(np.unique(own.condition[first])) < len(first)
-    for rows in (b for b in blocks if scatters and b.size >= COPIED and earlier[b[0]] != b[0]):
+    for rows in (b for b in blocks if b.size >= COPIED and alike[b[0]] and not change[b].any()):
+        alike[rows] = False
         yield own.row[rows], own.row[earlier[rows]]
+    frozen = alike & (np.diff(earlier, prepend=-1) == 0) & (change > CHANGED * np.ptp(pressures))
+    for i in np.flatnonzero(frozen).tolist() if alike.sum() <= max(1.0, FEW * len(own)) else ():
+        yield own.row[[i]], own.row[earlier[[i]]]
 
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:

@@ -66,6 +66,8 @@ class Imported:
     unread: tuple[str, ...]
     """Files that cannot be read, and why; `notes` has them, too."""
     questions: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    """Where each state but those of stiffness trials, which come last, begins in the files."""
 
 
 def _with(table: Table, names: Sequence[str], values: Array) -> Table:
@@ -231,7 +233,9 @@ def conclude(
         read_files.append((series, q, tuple(own_cuts)))
     states = Table.stacked(parts)
     found = list(jumps(states, float(straight[2])))
-    notes += _jump_notes(found, rows, every, robot.actuators.words)
+    files = [(series.path.name, series.place, q.row) for series, q, _ in every]
+    places = [f"{name}, {place(int(row_of[row]))}" for (name, place, row_of), row in ((files[file], row) for file, row in rows)]
+    notes += _jump_notes(found, places, robot.actuators.words)
     contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
     states, kept_states = without(contradicted, states)
     rows = list(compress(rows, kept_states))
@@ -270,7 +274,7 @@ def conclude(
             )
         )
     asked = tuple(q for q in questions if q not in wanted.confirmed)
-    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked)
+    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked, tuple(compress(places, kept_states)))
 
 
 def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:
@@ -373,14 +377,10 @@ def _without_strays(
     return replace(q, table=_placed(q.table, tip, markers)), torn
 
 
-def _jump_notes(
-    found: Sequence[Jump], rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, FileRows, Map]], words: Words
-) -> Iterator[str]:
-    """What to ask about places that moved farther than the body can; `rows`: file and first row of each state."""
+def _jump_notes(found: Sequence[Jump], places: Sequence[str], words: Words) -> Iterator[str]:
+    """What to ask about points that moved farther than the body can; `places`: where each state begins in the files."""
     for number, jump in enumerate(found[: MOST_JUMPS + 1]):
-        file, row = rows[jump.state]
-        series, q, _ = files[file]
-        place = f"{series.path.name}, {series.place(int(q.row[row]))}"
+        place = places[jump.state]
         if number == MOST_JUMPS:
             yield f"{place}: the first of {len(found) - MOST_JUMPS} further points that move farther than the body can"
             return

@@ -41,11 +41,11 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     wanted = map_of(given, robot.actuators.words)
     with Screen("import") as screen:
         result = imported(inputs, wanted, robot, screen.progress)
-    credible = believed(replace(result.table, warnings=()), robot)
+    credible = believed(replace(result.table, warnings=()), robot, result.places.__getitem__)
     reading = judged(robot, credible)
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
-    doubtful = (*credible.warnings, *doubts(robot, result.table, str(robot_path)), *reading.asked)
+    doubtful = (*credible.warnings, *doubts(robot, credible, str(robot_path)), *reading.asked)
     result = replace(result, notes=(*result.notes, *doubtful))
     with whole(folder, OWN, replace_all, inputs) as (place, word):
         copied(robot_path, place / "robot.yaml")

@@ -1,5 +1,6 @@
 """Several files, columns that differ among them, contradicting units, exchanged markers: asked about, never guessed."""
 
+import re
 import shutil
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -16,10 +17,12 @@ from foreign import ROBOT, by_map, guessed, plain, tips
 
 import lab
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
-from lab.files.config import ConfigError
+from lab.files.config import ConfigError, load
+from lab.files.jumps import believed
 from lab.imports.table import Imported
+from model.robot import Robot
 from recordings.table_file import write_csv
-from recordings.trials import Table
+from recordings.trials import TIP, Table
 
 Rows = list[list[float]]
 FEW, MANY = sweep(), sweep(40)
@@ -201,7 +204,34 @@ def test_copies_count_once_and_repeats_that_nothing_scatters_are_none(scatters: 
     with warnings.catch_warnings(record=True) as said:
         read = lab.case(Table.joined([replace(table, warnings=())] * 2).to_pandas(), ROBOT).table
     assert len(read) == (1 if scatters else 2) * STATES
-    assert any("repeat trial 1 step 1 to trial 6 step 5 to the last digit" in str(w.message) for w in said) == scatters
+    assert any("repeats trial 1 step 1 to trial 6 step 5 to the last digit" in str(w.message) for w in said) == scatters
+
+
+@pytest.mark.parametrize(
+    ("column", "number", "states", "text"),
+    [
+        ("p3", 7e5, 1, "pressure 700 kPa, .* times (the highest of the others|max_pressure)"),
+        ("p3", -6e4, 1, "pressure -60 kPa"),
+        ("tip_mass", 0.2, 1, "tip_mass 200 g, 10 times the highest of the others"),
+        ("spine_length", 1.0, 1, "spine_length 1000 mm, .* times the robot's length"),
+        ("p3", 7e5, 4, ""),
+        ("still", 0.0, 1, "repeats trial .* to the last digit, as copies and a tracker"),
+    ],
+)  # fmt: skip
+def test_few_slipped_numbers_and_a_tracker_that_stands_still_are_left_out(
+    column: str, number: float, states: int, text: str, tmp_path: Path
+) -> None:
+    table = read_all(tmp_path, {"a.csv": WHOLE}).table
+    noise = np.random.default_rng(1).normal(0.0, 3e-4, (3, STATES))
+    own = [replace(table, warnings=()).replaced({"x": table["x"] + x, "tip_mass": np.full(STATES, 0.02)}) for x in noise]
+    good, here, robot = Table.joined(own), np.isin(np.arange(3 * STATES), 7 + 10 * np.arange(states)), load(ROBOT, Robot)
+    changed = {column: np.where(here, number, good.get(column, 0.0))}
+    if column == "still":
+        changed = {n: np.where(here, np.roll(good[n], 1), good[n]) for n in (*TIP, "m1x", "m1y", "m1z")}
+    kept = believed(good.replaced(changed), robot)
+    assert len(believed(good, robot)) == 3 * STATES
+    assert len(kept) == 3 * STATES - len(kept.warnings) == 3 * STATES - bool(text)
+    assert not text or re.match(f"trial .* step .*: {text}", kept.warnings[0])
 
 
 # ------------------------------------------------------------------ several files
