@@ -230,6 +230,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "obstacle_stands": (
             "the obstacle stands at {azimuth:.0f} deg about the base's z from x: look there, and state obstacle_azimuth_deg"
         ),
+        "held_out_as_diagnosed": "the robot.yaml of --holdout differs in {keys}; the diagnosed one is used for both",
         "residual_ignored": "the learned residual in robot.yaml is ignored; it could mask the cause",
         "not_considered": "not considered: {why}",
     },
