@@ -95,6 +95,8 @@ class File:
     """(n,) rows at rest, once pressures are known."""
     factors: dict[str, float] = field(default_factory=dict)
     """Key of the map -> how many SI units one of its column's is, once it is read."""
+    recorded: dict[str, Array] = field(default_factory=dict)
+    """Column of trials.csv -> in SI, but without its `zero`."""
     unit: str | None = None
     """Of the pressures that were read; empty where neither map nor file says it of one."""
 
@@ -115,9 +117,14 @@ class File:
         if said := self.series.read_as_missing(own):
             self.notes.append(f"column {own!r} ({place}): {said}")
 
-    def places(self, xyz: Array, name: str) -> Array:
-        """(n, 3) without rows in which nothing was seen."""
-        gone = unseen(xyz, self.resting)
+    def places_of(self, columns: Sequence[str], values: Mapping[str, Array], name: str) -> Array:
+        """(n, 3) m of three columns of trials.csv; what was not seen shows before their `zero` is subtracted."""
+        recorded = np.column_stack([self.recorded.get(column, values[column]) for column in columns])
+        return self.places(np.column_stack([values[column] for column in columns]), name, recorded)
+
+    def places(self, xyz: Array, name: str, recorded: Array | None = None) -> Array:
+        """(n, 3) without rows in which nothing was seen; `recorded`: the same as the file has them, in m."""
+        gone = unseen(xyz if recorded is None else recorded, self.resting)
         if gone.any():
             first = self.series.place(int(np.argmax(gone)))
             self.notes.append(
@@ -145,7 +152,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     if "tip" in wanted.points:
         tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
-        tip = file.places(np.column_stack([values[a] for a in "xyz"]), "the tip") @ frame.T
+        tip = file.places_of("xyz", values, "the tip") @ frame.T
     columns: dict[str, Array] = {name: v for name, v in values.items() if name in (*HEAD, *TAIL) or FURTHER.match(name)}
     columns |= driven | dict(zip(TIP, tip.T, strict=True)) | _turn(file, wanted, frame)
     notes += _order_note(series, wanted, frame, tip, file.resting)
@@ -190,6 +197,7 @@ def in_si(file: File, name: str, column: Column) -> Array:
     unit_in_si = file.factors[f"columns.{name}"]
     if name == "t":
         return seconds(values * column.scale, unit, unit_in_si)
+    file.recorded[name] = values * column.scale * unit_in_si
     if column.zero == "first":
         finite = values[np.isfinite(values)]
         values = values - (finite[0] if finite.size else 0.0)
@@ -296,7 +304,7 @@ def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> 
     if missing:
         where = f"{ONE_CAMERA}, `constants: {{{missing[0]}: 0 mm}}`"
         raise ConfigError(f"columns: {missing[0]} is missing; marker needs x, y and z: {name}; {where}")
-    return file.places(np.column_stack([values[f"{name}{a}"] for a in "xyz"]), f"marker {name}")
+    return file.places_of([f"{name}{axis}" for axis in "xyz"], values, f"marker {name}")
 
 
 def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:
