@@ -11,9 +11,11 @@ from recordings.trials import column_order
 from ..files.units import KINDS, SPELLED
 
 WORDS = {
-    "t": "t time zeit uhrzeit laufzeit messzeit zeitpunkt temps heure tiempo hora tempo ora timestamp datetime clock seconds sec elapsed millis micros",
+    "t": "t time timestamp datetime clock seconds sec elapsed millis micros zeit uhrzeit laufzeit messzeit zeitpunkt temps heure "
+    "tiempo hora tempo ora",
     "trial": "trial trials run runs experiment exp versuch inflation sweep cycle zyklus lauf messreihe essai ensayo prova",
-    "repeat": "repeat repeats pass passes passage repetition rep reps wiederholung wdh durchlauf durchgang répétition repetición ripetizione",
+    "repeat": "repeat repeats repetition rep reps pass passes wiederholung wdh durchlauf durchgang répétition passage repetición "
+    "ripetizione",
     "branch": "branch direction phase richtung",
     "spine_length": "spine spinelength growth grown insertion",
     "tip_mass": "mass weight payload masse gewicht spitzenmasse endmasse zusatzmasse tipmass",

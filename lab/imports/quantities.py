@@ -61,6 +61,8 @@ class FileRows:
     questions: tuple[str, ...] = ()
     unit: str | None = None
     """Of the pressures; empty where nothing says it, and they were read as Pa."""
+    base: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """m, the place of the base in the recorded axes that was subtracted from x, y, z."""
 
     @property
     def t(self) -> Array:
@@ -173,9 +175,12 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     notes += line.notes
     if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):
         raise ConfigError(f"{series.path}: columns.t: all rows have the same time; name another column, or give source.rate")
-    for text, keys in file.contradicted.items():
-        notes.append(f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}")
-    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), unit=file.unit)
+    notes[:0] = [
+        f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}"
+        for text, keys in file.contradicted.items()
+    ]  # what changes all numbers comes first
+    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), unit=file.unit,
+                   base=tuple(_base(file, wanted).tolist()))  # fmt: skip
 
 
 def _time(series: Series, wanted: Map) -> Array:
@@ -214,7 +219,8 @@ def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: f
     units = units_for(name, file.drive)
     stated = unit_in(file.series, own, units)
     if stated and units[stated] != units.get(unit, 1.0):
-        text = f"the file says {stated}, the map {unit}, which is taken"
+        times = units.get(unit, 1.0) / units[stated]
+        text = f"the file says {stated}, the map {unit}, which is taken and {times:.6g} times as large: correct one of them"
     elif not stated and name != "t" and scale == 1.0:
         of_file = heading(own, file.series.units.get(own, ""))
         stated = of_file.unit or of_file.stated[:40]
