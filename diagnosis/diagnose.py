@@ -144,6 +144,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *reasons,
             *far,
             *sentences.obstacle(prepared, named_sizes),
+            *sentences.gauge(prepared, named_sizes),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
             *sentences.scatter(prepared, location.noise_floor_mm),
