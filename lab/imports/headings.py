@@ -277,17 +277,20 @@ def turning(headings: Sequence[Heading]) -> list[Triple]:
 
 def recognised(names: Sequence[str], units: Sequence[str] = ()) -> int:
     """How many columns different headings name a quantity of; `units` as a line of the file states them."""
-    distinct = {n: u for n, u in zip(names, [*units, *[""] * len(names)], strict=False) if n and names.count(n) == 1}
-    headings = [heading(n, u) for n, u in distinct.items()]
+    headings = _headings([n if names.count(n) == 1 else "" for n in names], units)
     places = {c for t in triples(headings) for c in t.columns}
     return sum(h.name in places or any(of(h) is not None for of in (quantity, chamber, tendon)) for h in headings)
 
 
 def name_tip_and_actuators(names: Sequence[str], units: Sequence[str] = ()) -> bool:
     """Whether headings differ from each other and name, without lines above them, a place and a chamber or tendon."""
-    headings = [heading(n, u) for n, u in zip(names, [*units, *[""] * len(names)], strict=False) if n]
+    headings = _headings(names, units)
     distinct = len({h.name for h in headings}) == len(headings)
     return distinct and bool(triples(headings)) and any(chamber(h) is not None or tendon(h) is not None for h in headings)
+
+
+def _headings(names: Sequence[str], units: Sequence[str]) -> list[Heading]:
+    return [heading(n, u) for n, u in zip(names, [*units, *[""] * len(names)], strict=False) if n]
 
 
 def quadruples(headings: Sequence[Heading]) -> list[tuple[str, str, str, str]]:
