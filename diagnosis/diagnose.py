@@ -25,7 +25,7 @@ from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
-from .answer.holdout import evaluate_holdout, other_campaign
+from .answer.holdout import described_otherwise, evaluate_holdout, other_campaign
 from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
@@ -144,6 +144,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *reasons,
             *far,
             *sentences.obstacle(prepared, named_sizes),
+            *sentences.gauge(prepared, named_sizes),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
             *sentences.scatter(prepared, location.noise_floor_mm),
@@ -179,7 +180,11 @@ def _prepared(case: Case, options: Options) -> tuple[Prepared, Finding | None, E
     """The problem of a case; the thrust and the edits of robot.yaml that were settled before, findings on the table, and the
     states that are held out, edited alike."""
     campaign, findings = states(case)
-    held_out = other_campaign(case, options.holdout) if options.holdout is not None else None
+    held_out = None
+    if options.holdout is not None:
+        held_out = other_campaign(case, options.holdout)
+        if keys := described_otherwise(case.robot, options.holdout.robot):
+            findings += (finding("held_out_as_diagnosed", keys=", ".join(keys)),)
     baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
     settled, edited = None, Edited(case.robot, campaign)
     if baseline is None:

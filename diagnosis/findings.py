@@ -227,9 +227,14 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
         "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
         "known_together": "the readings hardly tell {names} apart: change all of them or none",
+        "gauge_looks_alike": (
+            "a gauge or regulator of one {actuator} that reads wrong by this factor looks the same: first compare all on one "
+            "{pressure}"
+        ),
         "obstacle_stands": (
             "the obstacle stands at {azimuth:.0f} deg about the base's z from x: look there, and state obstacle_azimuth_deg"
         ),
+        "held_out_as_diagnosed": "the robot.yaml of --holdout differs in {keys}; the diagnosed one is used for both",
         "residual_ignored": "the learned residual in robot.yaml is ignored; it could mask the cause",
         "not_considered": "not considered: {why}",
     },

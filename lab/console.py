@@ -223,6 +223,8 @@ class Screen:
             self._step, self._said = (name, time.monotonic()), False
         lasted = time.monotonic() - self._step[1]
         left = lasted * (1 / share - 1) if share > 0 else 0.0
+        if share > 0 and left < 1.0:
+            return
         known = f"about {clock(left)} to {clock(MOST_LONGER * left)} left in this step"
         self._say_long(lasted, known if share > 0 else "how long it takes is not known yet")
 

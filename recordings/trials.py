@@ -256,7 +256,8 @@ class Mapped:
     """How columns of another program became those of a table: the axis of the file for each axis of the base, the readings from
     which points were moved to the model (`straight`), whether keys of lab.case state it (else map.yaml), column of the table and
     its heading in the file, of those that are known, the unit of p1 .., empty where nothing says it, so that it is Pa, and the
-    turn (w, x, y, z) of the tracked body in its mount, along the base's axes, None of files with several."""
+    turn (w, x, y, z) of the tracked body in its mount, along the base's axes, and the place of the base in the file's axes (m),
+    which was subtracted from x, y, z; None of files with several of them."""
 
     frame: tuple[Axis, ...] = ("x", "y", "z")
     straight: str = "as recorded"
@@ -264,6 +265,7 @@ class Mapped:
     headings: tuple[tuple[str, str], ...] = ()
     unit: str | None = None
     mount: tuple[float, ...] | None = NO_MOUNT
+    base: tuple[float, ...] | None = None
 
     @property
     def axes(self) -> NDArray[np.float64]:

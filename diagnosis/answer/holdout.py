@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from model.effects.design import design_from_columns
+from model.robot import LIMITS, Robot
 
 from ..arrays import Array
 from ..data.campaign import Campaign, tips
@@ -24,14 +25,25 @@ from .attribute import Attribution
 from .result import Holdout
 from .unseen import closed
 
+BY_ANALYSIS = {"thrust", "effects", "tolerances", "uncertainty", "area_factor", "posterior", "residual", "quoted_pressure",
+               "quoted_time", "obstacle_azimuth_deg", *LIMITS}  # fmt: skip
+"""Keys of robot.yaml that a diagnosis proposes or a fit writes, and limits: two that differ in these alone describe one body."""
+
+
+def described_otherwise(diagnosed: Robot, other: Robot) -> list[str]:
+    """The keys of `BY_ANALYSIS` in which two robot.yaml of one robot differ; raises `BadHoldout` where any other does."""
+    differing = [key for key in Robot.model_fields if getattr(diagnosed, key) != getattr(other, key)]
+    if foreign := [key for key in differing if key not in BY_ANALYSIS]:
+        raise BadHoldout(
+            f"its robot.yaml differs from the diagnosed one in {', '.join(foreign)}; hold out a campaign of the same robot, or "
+            "give both the same robot.yaml with --robot"
+        )
+    return differing
+
 
 def other_campaign(diagnosed: Case, other: Case) -> Campaign:
     """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
-    if diagnosed.robot != other.robot:
-        raise BadHoldout(
-            f"the robot.yaml of {other.robot.name!r} differs from that of the diagnosed {diagnosed.robot.name!r}; "
-            "hold out a campaign of the same robot, or give both the same robot.yaml with --robot"
-        )
+    described_otherwise(diagnosed.robot, other.robot)
     try:
         campaign, _ = states(other)
     except BadCase as e:

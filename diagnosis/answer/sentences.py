@@ -13,6 +13,7 @@ from model.actuators import Chambers, Words
 from model.effects.tolerance import TRACKED_TURN
 from model.robot import Robot
 from model.rotation import from_vector
+from recordings.trials import counted
 
 from .. import judgement
 from ..arrays import Array
@@ -105,7 +106,7 @@ def _others(d: Diagnosis) -> str:
     """The alternatives to an effect that is named without certainty."""
     a = d.attribute
     if a.rivals:
-        return _named(a.rivals[:3], d, " or ") + (f" or {len(a.rivals) - 3} others" if len(a.rivals) > 3 else "")
+        return _named(a.rivals[:3], d, " or ") + (f" or {counted(len(a.rivals) - 3, 'other')}" if len(a.rivals) > 3 else "")
     outside = a.relatives or a.outside >= 1 - a.probability - a.outside
     return "a cause that this software does not know" if outside else "that no effect is large enough"
 
@@ -337,6 +338,12 @@ def obstacle(p: Prepared, sizes: Sequence[Size]) -> Iterator[Finding]:
         if s.name == "contact.turn" and p.robot.obstacle_azimuth_deg is None:
             x, y = p.forward.plane_direction.tolist()
             yield finding("obstacle_stands", azimuth=float(np.degrees(np.arctan2(y, x) + s.median) % 360))
+
+
+def gauge(p: Prepared, sizes: Sequence[Size]) -> Iterator[Finding]:
+    """A finding that a difference between actuators that is named may be one between what measures them."""
+    if any(s.name.startswith("chamber_gain.") for s in sizes):
+        yield finding("gauge_looks_alike", p.robot.actuators.words)
 
 
 def _simulator(d: Diagnosis) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -35,7 +35,7 @@ LOWEST_USUAL = 1e3
 """Pa, below which the highest pressure of a soft robot is in another unit."""
 USUAL_PRESSURE = 60e3
 """Pa, the highest pressure of most soft robots."""
-CHECK_FRAME = "check the unit (m) and the frame (base of the robot)"
+CHECK_FRAME = "check the unit and the frame (base of the robot)"
 ROUNDED = 0.05
 """Difference of a quaternion's norm from one: rounding to two digits makes less."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
@@ -89,11 +89,30 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
         if apart > 2 * robot.length and 6 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
-            return f"{head}: tips lie up to {apart:.3g} m apart: check unit (m) and `scale` first", tips.take(np.arange(0))
-        return f"{head}: {CHECK_FRAME}", tips
+            times = float(np.median(distance)) / robot.length
+            pairs = (f"{a} read as {b}" for a, b in permutations(METRES, 2) if 1 / 1.6 < times * METRES[a] / METRES[b] < 1.6)
+            looks = "".join(f" and {times:.3g} times its length from the base, as {pair} do" for pair in list(pairs)[:1])
+            wrong = f"{head}: tips lie up to {apart:.3g} m apart{looks}: check unit and `scale` of columns x, y, z first"
+            return wrong, tips.take(np.arange(0))
+        return f"{head}: {_exchanged(robot, tips) or CHECK_FRAME}", tips
     size = METRES[units[0]]
     in_m = tips.replaced({axis: tips.get(axis) * size for axis in "xyz"})
     return f"{head}: looks like {units[0]}; positions are in m: {in_si(size)}", in_m
+
+
+def _exchanged(robot: Robot, tips: Table) -> str:
+    """Name two columns that are exchanged while the base's coordinates, which are subtracted, are not; empty where none are."""
+    mapped = tips.mapped
+    if mapped is None or mapped.base is None or mapped.straight != "as recorded":
+        return ""
+    recorded, base = tips.tip @ mapped.axes + mapped.base, np.array(mapped.base)
+    for a, b in combinations(range(3), 2):
+        exchanged = recorded.copy()
+        exchanged[:, [a, b]] = recorded[:, [b, a]]
+        if (np.linalg.norm(exchanged - base, axis=1) <= FARTHEST * robot.length).all():
+            both = f"columns {'xyz'[a]} and {'xyz'[b]}"
+            return f"{both} are exchanged: exchange the headings of both, but not their `zero`, and all tips are within reach"
+    return ""
 
 
 def _highest(robot: Robot, tips: Table) -> str:

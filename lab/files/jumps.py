@@ -95,6 +95,9 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
     Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
     masses, vacuum, forces, mounting). A point can move by `STILL` lengths, and by `TIMES` its usual m per Pa of the change."""
     places, every = np.concatenate([states.tip[:, None], states.markers], axis=1), np.arange(len(states))
+    lost = np.linalg.norm(places, axis=2) > FARTHEST * length
+    if np.count_nonzero(lost.any(axis=1)) <= FEW * len(states):  # `strays` names these; their neighbours are right
+        places[lost] = np.nan
     pressures, forces = states.pressures, states.tip_force
     load = loads(states)
     same_force = CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)

@@ -11,9 +11,11 @@ from recordings.trials import column_order
 from ..files.units import KINDS, SPELLED
 
 WORDS = {
-    "t": "t time zeit uhrzeit temps heure tiempo hora tempo ora timestamp datetime clock seconds sec elapsed millis micros",
+    "t": "t time timestamp datetime clock seconds sec elapsed millis micros zeit uhrzeit laufzeit messzeit zeitpunkt temps heure "
+    "tiempo hora tempo ora",
     "trial": "trial trials run runs experiment exp versuch inflation sweep cycle zyklus lauf messreihe essai ensayo prova",
-    "repeat": "repeat repeats repetition rep reps wiederholung wdh durchlauf durchgang répétition repetición ripetizione",
+    "repeat": "repeat repeats repetition rep reps pass passes wiederholung wdh durchlauf durchgang répétition passage repetición "
+    "ripetizione",
     "branch": "branch direction phase richtung",
     "spine_length": "spine spinelength growth grown insertion",
     "tip_mass": "mass weight payload masse gewicht spitzenmasse endmasse zusatzmasse tipmass",
@@ -74,7 +76,12 @@ OTHER_UNITS = UNSTATED | word_set("""
 v mv uv ma a hz khz °c c k % nm n·m n*m m/s mm/s rad/s deg/s °/s m/s² m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min
 sccm v/v bool boolean px counts lsb s^-1 ohm kohm nt ut mt gauss hh:mm:ss hh:mm:ss.000
 """)
-LETTERS = {"g": word_set(WORDS["tip_mass"]), "n": word_set(WORDS["force"]) | TENDON}
+LOADS = word_set("""
+load loads weights payloads last lasten anhängelast hängelast nutzlast zusatzlast zuladung gewichte massen charge charges poids
+lest carga cargas peso pesos masa carico carichi massa
+""")
+"""Words of a heading for the mass at the tip if its unit is one of a mass; else it may be a force, or a branch."""
+LETTERS = {"g": word_set(WORDS["tip_mass"]) | LOADS, "n": word_set(WORDS["force"]) | TENDON}
 """Units of one letter that end a heading with one of these words, such as "weight_g"."""
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
 """Units that may be all of a heading."""
@@ -148,7 +155,7 @@ def quantity(h: Heading) -> str | None:
     for column, words in WORDS.items():
         if set(words.split()) & set(h.words) or (column == "t" and h.words in (("s",), ("x", "value"))):
             return column
-    return None
+    return "tip_mass" if h.kind == "kg" and LOADS & set(h.words) else None
 
 
 def own_column(h: Heading) -> str | None:
@@ -270,10 +277,20 @@ def turning(headings: Sequence[Heading]) -> list[Triple]:
 
 def recognised(names: Sequence[str], units: Sequence[str] = ()) -> int:
     """How many columns different headings name a quantity of; `units` as a line of the file states them."""
-    distinct = {n: u for n, u in zip(names, [*units, *[""] * len(names)], strict=False) if n and names.count(n) == 1}
-    headings = [heading(n, u) for n, u in distinct.items()]
+    headings = _headings([n if names.count(n) == 1 else "" for n in names], units)
     places = {c for t in triples(headings) for c in t.columns}
     return sum(h.name in places or any(of(h) is not None for of in (quantity, chamber, tendon)) for h in headings)
+
+
+def name_tip_and_actuators(names: Sequence[str], units: Sequence[str] = ()) -> bool:
+    """Whether headings differ from each other and name, without lines above them, a place and a chamber or tendon."""
+    headings = _headings(names, units)
+    distinct = len({h.name for h in headings}) == len(headings)
+    return distinct and bool(triples(headings)) and any(chamber(h) is not None or tendon(h) is not None for h in headings)
+
+
+def _headings(names: Sequence[str], units: Sequence[str]) -> list[Heading]:
+    return [heading(n, u) for n, u in zip(names, [*units, *[""] * len(names)], strict=False) if n]
 
 
 def quadruples(headings: Sequence[Heading]) -> list[tuple[str, str, str, str]]:

@@ -61,6 +61,8 @@ class FileRows:
     questions: tuple[str, ...] = ()
     unit: str | None = None
     """Of the pressures; empty where nothing says it, and they were read as Pa."""
+    base: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """m, the place of the base in the recorded axes that was subtracted from x, y, z."""
 
     @property
     def t(self) -> Array:
@@ -95,6 +97,8 @@ class File:
     """(n,) rows at rest, once pressures are known."""
     factors: dict[str, float] = field(default_factory=dict)
     """Key of the map -> how many SI units one of its column's is, once it is read."""
+    recorded: dict[str, Array] = field(default_factory=dict)
+    """Column of trials.csv -> in SI, but without its `zero`."""
     unit: str | None = None
     """Of the pressures that were read; empty where neither map nor file says it of one."""
 
@@ -115,9 +119,14 @@ class File:
         if said := self.series.read_as_missing(own):
             self.notes.append(f"column {own!r} ({place}): {said}")
 
-    def places(self, xyz: Array, name: str) -> Array:
-        """(n, 3) without rows in which nothing was seen."""
-        gone = unseen(xyz, self.resting)
+    def places_of(self, columns: Sequence[str], values: Mapping[str, Array], name: str) -> Array:
+        """(n, 3) m of three columns of trials.csv; what was not seen shows before their `zero` is subtracted."""
+        recorded = np.column_stack([self.recorded.get(column, values[column]) for column in columns])
+        return self.places(np.column_stack([values[column] for column in columns]), name, recorded)
+
+    def places(self, xyz: Array, name: str, recorded: Array | None = None) -> Array:
+        """(n, 3) without rows in which nothing was seen; `recorded`: the same as the file has them, in m."""
+        gone = unseen(xyz if recorded is None else recorded, self.resting)
         if gone.any():
             first = self.series.place(int(np.argmax(gone)))
             self.notes.append(
@@ -145,7 +154,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     if "tip" in wanted.points:
         tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
-        tip = file.places(np.column_stack([values[a] for a in "xyz"]), "the tip") @ frame.T
+        tip = file.places_of("xyz", values, "the tip") @ frame.T
     columns: dict[str, Array] = {name: v for name, v in values.items() if name in (*HEAD, *TAIL) or FURTHER.match(name)}
     columns |= driven | dict(zip(TIP, tip.T, strict=True)) | _turn(file, wanted, frame)
     notes += _order_note(series, wanted, frame, tip, file.resting)
@@ -166,9 +175,12 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     notes += line.notes
     if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):
         raise ConfigError(f"{series.path}: columns.t: all rows have the same time; name another column, or give source.rate")
-    for text, keys in file.contradicted.items():
-        notes.append(f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}")
-    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), unit=file.unit)
+    notes[:0] = [
+        f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}"
+        for text, keys in file.contradicted.items()
+    ]  # what changes all numbers comes first
+    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), unit=file.unit,
+                   base=tuple(_base(file, wanted).tolist()))  # fmt: skip
 
 
 def _time(series: Series, wanted: Map) -> Array:
@@ -190,6 +202,7 @@ def in_si(file: File, name: str, column: Column) -> Array:
     unit_in_si = file.factors[f"columns.{name}"]
     if name == "t":
         return seconds(values * column.scale, unit, unit_in_si)
+    file.recorded[name] = values * column.scale * unit_in_si
     if column.zero == "first":
         finite = values[np.isfinite(values)]
         values = values - (finite[0] if finite.size else 0.0)
@@ -206,7 +219,8 @@ def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: f
     units = units_for(name, file.drive)
     stated = unit_in(file.series, own, units)
     if stated and units[stated] != units.get(unit, 1.0):
-        text = f"the file says {stated}, the map {unit}, which is taken"
+        times = units.get(unit, 1.0) / units[stated]
+        text = f"the file says {stated}, the map {unit}, which is taken and {times:.6g} times as large: correct one of them"
     elif not stated and name != "t" and scale == 1.0:
         of_file = heading(own, file.series.units.get(own, ""))
         stated = of_file.unit or of_file.stated[:40]
@@ -296,7 +310,7 @@ def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> 
     if missing:
         where = f"{ONE_CAMERA}, `constants: {{{missing[0]}: 0 mm}}`"
         raise ConfigError(f"columns: {missing[0]} is missing; marker needs x, y and z: {name}; {where}")
-    return file.places(np.column_stack([values[f"{name}{a}"] for a in "xyz"]), f"marker {name}")
+    return file.places_of([f"{name}{axis}" for axis in "xyz"], values, f"marker {name}")
 
 
 def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:

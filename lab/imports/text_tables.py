@@ -23,7 +23,7 @@ from recordings.trials import present
 from ..files.config import ConfigError
 from ..files.map_file import Source
 from .columns import Judged, is_missing, judge, looks_like_value, number
-from .headings import heading, is_unit, recognised, unit_named
+from .headings import heading, is_unit, name_tip_and_actuators, recognised, unit_named
 from .joining import JOIN, of_one_file
 from .series import LARGEST, Series, demand_columns, of_judged, unique
 
@@ -510,7 +510,8 @@ def _telling(
     """Lines, and the names made of them, that name most columns: those given, a line alone, or the last ones together."""
     near = [x for x in above if x.cells is not units and sum(map(bool, x.cells)) > 1 and not MOTIVE.match(x.text)][-MOST_LINES:]
     ways = [(heads, names), *(([line], list(line.cells)) for line in near)]
-    for k in range(len(near) - 1):
+    joins = bool(near) and not name_tip_and_actuators(near[-1].cells, units or ())  # else what stands above is a title
+    for k in range(len(near) - 1 if joins else 0):
         columns = zip(*(_carried(line.cells) for line in near[k:-1]), near[-1].cells, strict=False)
         ways.append((near[k:], [" ".join(filter(None, cells)) for cells in columns]))
     return max(ways, key=lambda way: recognised(way[1], units or ()))

@@ -76,7 +76,8 @@ def thrust_taken(robot: Robot) -> str:
     if robot.chambers is None:
         return ""
     early = body_of(robot).uncapped if robot.thrust != "walls" else []
-    return f", thrust: {robot.thrust or 'cap (not stated)'}" + f", walls of {robot.actuators.words.group(early)}" * bool(early)
+    taken = robot.thrust or "cap (not stated: lab diagnose settles it)"
+    return f", thrust: {taken}" + f", walls of {robot.actuators.words.group(early)}" * bool(early)
 
 
 VERBS = (

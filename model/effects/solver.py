@@ -62,6 +62,10 @@ class SolvedRods:
         return SolvedRods(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
 
 
+BEYOND = 1e12
+"""1/m, in place of the infinite curvature of a rod that no solution was found for."""
+
+
 def integration_steps(layout: at.Layout, rows: Array) -> Ints:
     """(n, elements) integration steps of the elements of nominal rows.
 
@@ -76,7 +80,8 @@ def _steps(rods: rod.Rods, moment: Array) -> Ints:
     length = rods.field("length")
     share = length / length.sum(axis=1, keepdims=True)
     curvature = moment[:, None, None] / rods.field("bend_stiffness")[..., :2] + np.abs(rods.field("rest_curvature")[..., :2])
-    bend = np.nan_to_num(curvature.max(axis=2) * length).sum(axis=1, keepdims=True)
+    finite = np.nan_to_num(curvature.max(axis=2), posinf=BEYOND)
+    bend = (finite * length).sum(axis=1, keepdims=True)
     return np.maximum(1, np.ceil(DIVISIONS * share * np.clip(bend / BEND, 1.0, MOST_BEND / BEND) - 1e-6)).astype(np.int64)
 
 

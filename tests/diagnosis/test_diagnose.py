@@ -159,6 +159,7 @@ def test_one_weak_chamber_of_nine_is_named_by_number() -> None:
     some = {e: CATALOGUE[e] for e in ("chamber_gain", "chamber_azimuth", "base_tilt", "precurvature", "pressure_offset")}
     found = diagnose(told, quick(some))
     assert found.attribute.effects == ("chamber_gain",)
+    assert "a gauge or regulator of one chamber" in "; ".join(found.texts("note"))
     assert re.search(r"hamber 2 pushes 1[3-7] ± . % less than the others", found.headline), found.headline
 
 

@@ -130,6 +130,13 @@ def test_a_forgotten_scale_comes_before_the_place_of_the_base(straight: str, sca
     assert ("`scale`" in text and "straight:" not in text) or scale[2] == 4 != base[2], text
 
 
+def test_columns_that_are_exchanged_without_the_place_of_the_base_are_named() -> None:
+    base, rows = np.array([1.2, -0.6, 0.8]), sweep(spines=(0.2,))
+    exchanged = [replace(r, tip=tuple(((np.array(r.tip) + base)[[1, 0, 2]] - base).tolist())) for r in rows]
+    (text,) = read(ROBOT, replace(Table.of(exchanged), mapped=Mapped(base=tuple(base.tolist())))).refused
+    assert "columns x and y are exchanged" in text and "not their `zero`" in text
+
+
 @pytest.mark.parametrize("call", [False, True])
 def test_the_remedy_of_a_frame_brings_each_file_to_the_base_from_any_present_frame(call: bool) -> None:
     for present, axes in itertools.product(FRAMES, FRAMES):

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.answer.attribute import Attribution, attribute, begin
 from diagnosis.answer.decision import Decision
-from diagnosis.answer.holdout import evaluate_holdout, other_campaign
+from diagnosis.answer.holdout import described_otherwise, evaluate_holdout, other_campaign
 from diagnosis.answer.sentences import held_out
 from diagnosis.answer.unseen import interval_closed
 from diagnosis.data.case import states
@@ -64,6 +64,13 @@ def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnose
     held = evaluate_holdout(found, other_campaign(diagnosed, case(rows)))
     assert held.trials == 1 and held.ci95 is None and held.verdict == "open"
     assert "one trial gives no interval: hold out two trials or more." in held_out(replace(NAMELESS, holdout=held))
+
+
+def test_a_robot_yaml_that_lacks_what_a_diagnosis_proposes_is_of_the_same_robot(diagnosed: Measured) -> None:
+    other = measured(2, 9, FEW)
+    told = Measured(diagnosed.robot.model_copy(update={"thrust": "walls", "area_factor": 0.8}), diagnosed.table)
+    assert described_otherwise(told.robot, other.robot) == ["area_factor", "thrust"]
+    assert len(other_campaign(told, other)) == len(other.table)
 
 
 def push(r: TrialRow) -> TrialRow:

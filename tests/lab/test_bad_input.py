@@ -227,7 +227,7 @@ PRESSURES = " ".join(f"p{i}" for i in range(1, 10))
     [
         (scaled(PRESSURES, 1e-3), ["1000 times as large", "look like kPa", "`unit: kPa`"]),
         (scaled("x y z", 1000), ["line 3, x", "looks like mm", "divide by 1000"]),
-        (scaled("x y z", 10), ["columns x, y, z", "4.0", "apart: check unit (m) and `scale` first"]),
+        (scaled("x y z", 10), ["columns x, y, z", "4.0", "as mm read as cm do: check unit and `scale` of columns x, y, z first"]),
         (scaled("y z", -1), ["the cameras' frame", "let columns x, y, z hold what is now x, y, -z"]),
         (scaled("vacuum", -1), ["line 2, vacuum", "-80000 Pa", "change the sign"]),
         (scaled("tip_mass", 1000), ["line 2, tip_mass", "looks like g", "divide by 1000"]),

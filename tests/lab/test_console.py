@@ -99,6 +99,10 @@ def test_where_no_bar_is_a_step_that_lasts_says_once_what_it_is_and_how_long_it_
             screen.step("step 2 of 5: hypotheses", share)
             run.progress(2 * now[0], 200.0)
             quiet.step("a step", share)
+        now[0] = 130.0
+        screen.step("step 3 of 5: the rest", 0.1)
+        now[0] = 160.0
+        screen.step("step 3 of 5: the rest", 1.0)
     said = ["a run: about 2 min left", "weighing hypotheses, step 2 of 5: hypotheses: about 45 s to 2 min left in this step"]
     assert capsys.readouterr().err.splitlines() == said
 

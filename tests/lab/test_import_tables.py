@@ -194,6 +194,39 @@ def test_zeros_among_positions_are_missing_and_reported(tmp_path: Path) -> None:
     assert any("is exactly 0, 0, 0 in 150 of 1200 rows (first in line 17): taken as missing" in n for n in made.notes)
 
 
+def test_zeros_are_missing_where_a_place_of_the_base_is_subtracted(tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text(text(FEW, change=lambda k, c: [*c[:4], "0", "0", "0"] if k == 3 else c))
+    guess, whole = through(tmp_path / "table.csv")
+    columns = guess.values["columns"]
+    moved = {axis: columns[axis] | {"zero": 5.0} for axis in "xyz"}
+    made = by_map(tmp_path / "table.csv", **guess.values | {"columns": columns | moved})
+    assert len(made.table) == len(whole.table) == STATES - 1
+    assert any("exactly 0, 0, 0 in 1 of" in n for n in made.notes)
+
+
+TITLES = {"of its own": "Versuch 1 - Kragarm,,,,Bearbeiter: T. Brandl,,,,,", "of two words": "Run 3,,Load case,,,,,,,"}
+
+
+@pytest.mark.parametrize("title", TITLES)
+def test_a_title_names_no_column_and_time_repeat_and_load_go_by_their_words(title: str, tmp_path: Path) -> None:
+    names = "Nr,Laufzeit (s),Durchgang,Anhängelast (kg),P1 (kPa),P2 (kPa),P3 (kPa),Kugel X (mm),Kugel Y (mm),Kugel Z (mm)"
+    rows = [f"{k},{r[0]},{1 + 2 * k // len(FEW)},0.05,{','.join(map(str, r[1:]))}" for k, r in enumerate(FEW)]
+    guess, made = through(tmp_path / "table.csv", "\n".join([TITLES[title], names, *rows]))
+    named = {name: column["column"] for name, column in guess.values["columns"].items()}
+    assert (named["t"], named["repeat"], named["tip_mass"]) == ("Laufzeit (s)", "Durchgang", "Anhängelast (kg)")
+    assert named["x"] == "Kugel X (mm)" and len(made.table) == STATES
+
+
+def test_a_unit_that_the_file_contradicts_is_the_first_note_with_its_factor(tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text(text(FEW))
+    guess, _ = through(tmp_path / "table.csv")
+    pressure = guess.values["columns"]["p1"]
+    made = by_map(
+        tmp_path / "table.csv", **guess.values | {"columns": guess.values["columns"] | {"p1": pressure | {"unit": "Pa"}}}
+    )
+    assert "the file says kPa, the map Pa, which is taken and 0.001 times as large" in made.notes[0]
+
+
 def test_a_displacement_that_is_zero_at_rest_is_a_position(tmp_path: Path) -> None:
     rest = FEW[0][4:]
     rows = [[*r[:4], *(v - w for v, w in zip(r[4:], rest, strict=True))] for r in FEW]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.effects.layout import INNER, OUTER, Layout
-from model.effects.solver import integration_steps, solve
+from model.effects.solver import _steps, integration_steps, rods_from, solve
 from model.robot import Robot
 from model.rods import Fast, Rods, Status, rods
 from model.rods import columns as col
@@ -38,6 +38,13 @@ def test_a_column_near_buckling_is_reached(loads: list[float], more: list[float]
     found = solve(UNIFORM, pressed, NOWHERE, steps, known)
     np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=1e-6)
     assert found.converged.all()
+
+
+def test_a_rod_without_an_equilibrium_gets_the_most_steps_without_a_warning() -> None:
+    nominal = rods_from(UNIFORM, rows(0.0, 0.0), plain=True)
+    with np.errstate(all="raise"):
+        free, lost = _steps(nominal, np.array([np.nan, np.inf]))
+    assert (lost >= free).all() and lost.sum() > free.sum()
 
 
 def test_a_rod_bent_by_a_full_turn_gets_steps_short_enough_to_be_found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
