@@ -4,8 +4,8 @@ Readings y_i of a point in repeats of a setting c, in trial k at u = k / (K - 1)
 
     y_i = mean of c + (u a_1 + u^2 a_2) + (u w_1 + u^2 w_2) x r_i + e_i,
 
-r_i the point's place, a (m) and w (rad) a translation and a turn of the cameras or the base. Rests count as one setting whatever is
-inflated next. How far the fit's squares come by chance is known from the same fit with the trials in other orders.
+r_i the point's place, a (m) and w (rad) a translation and a turn of the cameras or the base. Rests count as one setting
+whatever is inflated next. How far the fit's squares come by chance is known from the same fit with the trials in other orders.
 """
 
 from __future__ import annotations
