@@ -32,6 +32,7 @@ from .answer.rivals import Rivals
 from .answer.unseen import Unseen, unseen_states
 from .data.campaign import Campaign
 from .data.case import Case, states
+from .data.drift import drift
 from .edits.order import ORDER
 from .edits.search import Edited
 from .errors import BadCase
@@ -122,14 +123,17 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
-    doubtful = bool(far or edited.changes or tense)
+    drifts = tuple(drift(edited.states.take(~edited.states.pushed)))
+    doubtful = bool(far or edited.changes or tense or drifts)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         others = [sentences.with_id(e, names) for e in verdict.rivals(causes.decision, causes.posterior)]
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
-        causes = replace(causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense), len(alone)))
+        causes = replace(
+            causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense, *drifts), len(alone))
+        )
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),
@@ -139,6 +143,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         next_experiment=proposals,
         findings=(
             *edited.concerns,
+            *drifts,
             *findings,
             *([settled] if settled is not None else ()),
             *reasons,

@@ -55,6 +55,14 @@ COMPONENT_LOG_SD = 0.7
 """Prior standard deviation of the logarithm of each noise component: a factor of two about its default."""
 COMPONENT_RANGE = 20.0
 """Largest factor by which a noise component is larger or smaller than its default."""
+DRIFT_TRIALS = 5
+"""Trials from which on their order can show a drift: fewer have too few orders."""
+DRIFT_ORDERS, DRIFT_CHANCE = 199, 0.005
+"""Other orders of the trials that are tried, and the share of them that may fit as well as theirs."""
+DRIFT_SCATTERS = 2.0
+"""Least drift, in rms distances of repeats without it: less is lost in their scatter."""
+DRIFT_TOGETHER = 0.35
+"""Largest difference between the motions of two points that count as one translation, as a share of the motion."""
 DRIFT_SD = 1.0
 """Prior standard deviation of drift, relative: far more than any robot has."""
 LASTING_SHARE, LASTING_LOGIT_SD = 0.3, 1.5
