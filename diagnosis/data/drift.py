@@ -1,11 +1,10 @@
-"""Whether the readings drift from trial to trial: points that move more the later a trial comes.
+"""Whether a robot at rest moves from trial to trial, as cameras or base drift, or the body creeps.
 
-Readings y_i (m) of a point in repeats of a setting c, in trial k at u = k / (K - 1) of the campaign, K trials, follow
+Places y_i (m) of a point at rest under loads c, in trial k at u = k / (K - 1) of the campaign, K trials, follow
 
     y_i = mean of c + u a_1 + u^2 a_2 + e_i.
 
-Rests count as one setting whatever is inflated next. How far the fit's squares come by chance is known from the same fit with
-the trials in other orders.
+How far the fit's squares come by chance is known from the same fit with the trials in other orders.
 """
 
 from __future__ import annotations
@@ -17,33 +16,36 @@ import numpy as np
 from .. import judgement
 from ..arrays import Array, Ints, rms
 from ..findings import Finding, finding
+from . import levels as gaps
 from .campaign import Campaign
-from .levels import distinct
+from .levels import distinct, levels
 
 
 def drift(states: Campaign) -> Iterator[Finding]:
-    """A finding if tip and markers of states of the robot move over the trials beyond chance and beyond what repeats differ by
-    besides."""
-    trial, order = np.unique(states.trial, return_inverse=True)
+    """A finding if tip and markers of states of the robot at rest move over the trials beyond chance and beyond what repeats
+    differ by besides."""
+    own = states.take(states.highest <= states.pressure_gap)
+    trial, order = np.unique(own.trial, return_inverse=True)
     count = len(trial)
     if count < judgement.DRIFT_TRIALS:
         return
-    rest = states.highest <= states.pressure_gap
-    at = distinct(states.spine_length, states.branch.astype(np.int64), states.roll)
-    setting = np.where(rest, -1 - at, states.condition)
-    places = np.concatenate([states.tip[:, None], states.trials.markers], axis=1)
+    loads = (levels(along_axis, gaps.FORCE_GAP) for along_axis in own.trials.tip_force.T)
+    mass = levels(own.trials.get("tip_mass", 0.0), gaps.MASS_GAP)
+    of_body = levels(own.spine_length, gaps.SPINE_GAP), levels(own.roll, gaps.ROLL_GAP), own.branch.astype(np.int64)
+    setting = distinct(*of_body, mass, *loads)
+    places = np.concatenate([own.tip[:, None], own.trials.markers], axis=1)
     u = np.linspace(0.0, 1.0, count)
     (moved, squares, left), rng = _fit(places, setting, u[order]), np.random.default_rng(0)
     others = [_fit(places, setting, u[rng.permutation(count)][order])[1] for _ in range(judgement.DRIFT_ORDERS)]
     if np.mean(np.array(others) >= squares) > judgement.DRIFT_CHANCE:
         return
-    kept = (order != k for k in range(count))
-    apart = np.array([_fit(places[own], setting[own], u[order][own])[0] for own in kept])
+    others_than = (order != k for k in range(count))
+    apart = np.array([_fit(places[kept], setting[kept], u[order][kept])[0] for kept in others_than])
     sd = np.sqrt((count - 1) / count * ((apart - apart.mean(axis=0)) ** 2).sum(axis=0))  # jackknife
     size = float(np.linalg.norm(moved, axis=1).max())
     if size < judgement.DRIFT_SCATTERS * left:
         return
-    first, last = (states.time[order == k].min() for k in (0, count - 1))
+    first, last = (own.time[order == k].min() for k in (0, count - 1))
     hours = f" in {(last - first) / 3600:.1f} h" if last - first > 0 else ""
     names = ["the tip", *(f"marker {k}" for k in range(1, len(moved)))]
     each = [
