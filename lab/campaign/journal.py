@@ -28,6 +28,7 @@ from recordings.bounded import read_bounded
 from recordings.errors import BadJournal, RecordingError, WriteFailed
 from recordings.file.counts import counted
 from recordings.file.journal import read as read_run
+from recordings.file.journal import whole
 from recordings.file.reader import Recording
 from recordings.file.recover import RECOVERED, recover
 from recordings.json_text import read_json
@@ -63,17 +64,17 @@ class CampaignProgress:
 
     def take(self, line: Mapping[str, Any]) -> None:
         """Add a line; raises KeyError, ValueError or TypeError for one that cannot be understood."""
-        number = _whole(line["run"]) if "run" in line else 0
+        number = whole(line["run"]) if "run" in line else 0
         if "outcome" not in line:
             self.begun[number] += 1
             return
         self.seconds += float(line["seconds"])
-        self.lost += _whole(line["lost"])
+        self.lost += whole(line["lost"], 2**53)
         if line.get("inflated"):
             self.inflated = max(self.inflated, float(line["at"]))
         if number and line["outcome"] == "completed":
             self.completed.add(number)
-            self.rows += _whole(line["rows"])
+            self.rows += whole(line["rows"], 2**53)
 
 
 class CampaignJournal(contextlib.AbstractContextManager["CampaignJournal"]):
@@ -170,16 +171,10 @@ def read(path: Path) -> CampaignProgress:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         if isinstance(error, BadJournal):
             raise
-        raise BadJournal(f"{path}: a line cannot be understood ({repr(error)[:200]})") from error
+        raise BadJournal(f"{path}: a line cannot be understood ({error!r:.200})") from error
     if done is None:
         raise BadJournal(f"{path}: is empty; nothing had begun, so start the campaign anew in another folder")
     return done
-
-
-def _whole(value: object) -> int:
-    if type(value) is not int or not 0 <= value < 2**53:
-        raise ValueError(f"{repr(value)[:80]} is not a count")
-    return value
 
 
 FILE, ROBOT = "campaign.yaml", "robot.yaml"
