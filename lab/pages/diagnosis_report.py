@@ -171,7 +171,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
     for x in w.steps:
         name = with_id(x.effect, d.names) if x.effect else steps[x.step]
-        rows.append([name, _mm(x.mm), f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}", _mm(x.left_mm)])
+        rows.append([name, f"{x.mm:z.2f}", f"{x.low95_mm:z.2f} .. {x.high95_mm:z.2f}", f"{x.left_mm:z.2f}"])
     s.table(("step", "removes, mm rms", "95 %", "remaining, mm rms"), rows)
     if origins := sentences.stands_for(d.calibration, d.words):
         s.text(f"{origins}.")
@@ -184,10 +184,6 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         itself = sentences.by_itself(sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None)
         share = "Share of the reducible gap left by calibration (as mean squares above the noise floor) closed on unseen states"
         s.text(f"{share} with {explanation}: {closed}{interval}{itself}.")
-
-
-def _mm(value: float) -> str:
-    return f"{round(value, 2) + 0.0:.2f}"
 
 
 def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:
@@ -346,7 +342,7 @@ def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
 
 
 def _point(metres: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{round(1e3 * x, 1) + 0.0:.1f}" for x in metres) + ")"
+    return "(" + ", ".join(f"{1e3 * x:z.1f}" for x in metres) + ")"
 
 
 def _miss(state: Mapping[str, Any], model: str) -> str:
