@@ -438,15 +438,6 @@ def handles(port: str) -> int:
     return found
 
 
-@contextlib.contextmanager
-def crashes() -> Iterator[list[str]]:
-    """How threads ended meanwhile by what is no error of an instrument."""
-    found: list[str] = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(threading, "excepthook", lambda args: found.append(repr(args.exc_value)))
-        yield found
-
-
 @units(*STREAMS)
 def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: DriverOnFake) -> None:
     driver = unit.strict()
@@ -486,7 +477,9 @@ def hands_over_none(unit: DriverOnFake, line: contextlib.AbstractContextManager[
             sample_count, sent_by_then = len(unit.samples), len(sent)
         return len(sent) - sent_by_then >= REFUSED
 
-    with crashes() as crashed, line as sent:
+    crashed: list[str] = []  # how threads ended meanwhile by what is no error of an instrument
+    with pytest.MonkeyPatch.context() as patch, line as sent:
+        patch.setattr(threading, "excepthook", lambda args: crashed.append(repr(args.exc_value)))
         still = not until(lambda: bool(crashed) or refused(), unit.config.max_age + SLACK) and not unit.quiet()
     assert not crashed, (
         f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; {remedy}, count a damaged one in lost and go on"
