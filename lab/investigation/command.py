@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -60,9 +59,7 @@ from ..verbs.run import Job, Outcome, connect, execute, job
 
 def write_page(story: Investigation, path: Path, source: str, answer: str) -> Path:
     """Write one offline page; `answer` is the name of the page of the last diagnosis beside it."""
-    report = Report(
-        "An investigation", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", _lead(story), ids=story.answer.names.keys()
-    )
+    report = Report("An investigation", source, _lead(story), ids=story.answer.names.keys())
     with tempfile.TemporaryDirectory() as place:
         section = report.section("How certain it became")
         if len(story.rounds) > 1:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -42,10 +41,9 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
     """Write one offline page: the answer, where it shows and what to do first; evidence next; details folded.
 
     `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments."""
-    when = f"{time.strftime('%Y-%m-%d %H:%M')}, {', '.join(map(str, inputs))}"
     report = Report(
-        "The gap between model and robot", when, d.headline, [f"{x}." for x in d.texts("critical")], small(d), gap_numbers(d),
-        _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
+        "The gap between model and robot", ", ".join(map(str, inputs)), d.headline, [f"{x}." for x in d.texts("critical")],
+        small(d), gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
     )  # fmt: skip
     length, table, spine = case.robot.length, case.table, case.robot.spine is not None
     report.section("The answer in full", folded=True).text(d.statement)
