@@ -7,7 +7,6 @@ import contextlib
 import functools
 import itertools
 import math
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -431,11 +430,8 @@ def test_close_leaves_the_port_to_others(unit: DriverOnFake) -> None:
 
 def handles(port: str) -> int:
     """How often this process has a port open; 0 where the system does not tell."""
-    found = 0
-    for handle in Path("/proc/self/fd").glob("*"):
-        with contextlib.suppress(OSError):
-            found += bool(port) and os.readlink(handle) == os.path.realpath(port)
-    return found
+    open_now = Path("/proc/self/fd").glob("*") if port else ()
+    return sum(handle.resolve() == Path(port).resolve() for handle in open_now)
 
 
 @units(*STREAMS)
