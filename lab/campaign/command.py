@@ -127,18 +127,16 @@ class Session:
         self.stops = Stops(campaign.file.stop, campaign.chambers)
         self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed)
         self._rig: Rig | None = None
-        self._open: list[str] = []  # names of the instruments that are
         self._safe = True
         self.displaced = False
         """A recording or its journal was deleted, renamed, replaced or truncated during its run."""
-        self._said = False
-        """That the rig is not checked."""
         self._planned_s = {run.number: run.job.plan.seconds for run in campaign.runs}
         """Of rig time, by run."""
 
     def go(self) -> Ended:
         """Do the remaining runs. However they end, the rig is safe, and completed runs are in the journal."""
         self._look_back()
+        note_unverified(self.campaign.rig_path, self.campaign.runs[0].job.rig)
         try:
             with page_where(self.watched, self.screen.say) as self._page, self.screen:
                 ended = self._all()
@@ -245,7 +243,7 @@ class Session:
 
     def _opened(self, job: Job, needs: Sequence[str]) -> Rig:
         """A rig with these instruments open: the current one if it has exactly these."""
-        if self._rig is not None and self._rig.needed(needs) == self._open:
+        if self._rig is not None and self._rig.needed(needs) == [*self._rig.identities]:
             self._rig.actuators.pulse.mark()
             return self._rig
         self._close()
@@ -253,15 +251,11 @@ class Session:
         self._rig = rig
         rig.operator = self.hands.over(rig.operator)
         connect(rig, needs)
-        self._open = rig.needed(needs)
-        if not self._said:
-            self._said = True
-            note_unverified(self.campaign.rig_path, job.rig)
         return rig
 
     def _close(self) -> None:
         if self._rig is not None:
-            rig, self._rig, self._open = self._rig, None, []
+            rig, self._rig = self._rig, None
             warn(rig.notices)
             with contextlib.suppress(KeyboardInterrupt):
                 rig.close()
