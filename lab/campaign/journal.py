@@ -116,16 +116,15 @@ class CampaignJournal(contextlib.AbstractContextManager["CampaignJournal"]):
 
     def began(self, run: int | None) -> None:
         """A run is about to begin; None: the warm-up."""
-        self._append({"warm_up": 1} if run is None else {"run": run}, begun=time.time())
+        self._append(({"warm_up": 1} if run is None else {"run": run}) | {"begun": time.time()})
 
     def ended(self, run: int | None, outcome: str, seconds: float, rows: int, lost: int, inflated: bool) -> None:
         """A run is over; `seconds` of rig time."""
         about: dict[str, object] = {"warm_up": 1} if run is None else {"run": run}
         about |= {"outcome": outcome, "seconds": round(seconds, 3), "rows": rows, "lost": lost, "inflated": inflated}
-        self._append(about, at=time.time())
+        self._append(about | {"at": time.time()})
 
-    def _append(self, line: dict[str, object], sync: bool = True, **when: float) -> None:
-        line |= when
+    def _append(self, line: dict[str, object], sync: bool = True) -> None:
         try:
             os.write(self._fd, json.dumps(line).encode() + b"\n")
             os.fsync(self._fd)
