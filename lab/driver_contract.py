@@ -7,7 +7,6 @@ import contextlib
 import functools
 import itertools
 import math
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -431,20 +430,8 @@ def test_close_leaves_the_port_to_others(unit: DriverOnFake) -> None:
 
 def handles(port: str) -> int:
     """How often this process has a port open; 0 where the system does not tell."""
-    found = 0
-    for handle in Path("/proc/self/fd").glob("*"):
-        with contextlib.suppress(OSError):
-            found += bool(port) and os.readlink(handle) == os.path.realpath(port)
-    return found
-
-
-@contextlib.contextmanager
-def crashes() -> Iterator[list[str]]:
-    """How threads ended meanwhile by what is no error of an instrument."""
-    found: list[str] = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(threading, "excepthook", lambda args: found.append(repr(args.exc_value)))
-        yield found
+    open_now = Path("/proc/self/fd").glob("*") if port else ()
+    return sum(handle.resolve() == Path(port).resolve() for handle in open_now)
 
 
 @units(*STREAMS)
@@ -486,7 +473,9 @@ def hands_over_none(unit: DriverOnFake, line: contextlib.AbstractContextManager[
             sample_count, sent_by_then = len(unit.samples), len(sent)
         return len(sent) - sent_by_then >= REFUSED
 
-    with crashes() as crashed, line as sent:
+    crashed: list[str] = []  # how threads ended meanwhile by what is no error of an instrument
+    with pytest.MonkeyPatch.context() as patch, line as sent:
+        patch.setattr(threading, "excepthook", lambda args: crashed.append(repr(args.exc_value)))
         still = not until(lambda: bool(crashed) or refused(), unit.config.max_age + SLACK) and not unit.quiet()
     assert not crashed, (
         f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; {remedy}, count a damaged one in lost and go on"

@@ -127,19 +127,16 @@ class Session:
         self.stops = Stops(campaign.file.stop, campaign.chambers)
         self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed)
         self._rig: Rig | None = None
-        self._open: list[str] = []  # names of the instruments that are
         self._safe = True
         self.displaced = False
         """A recording or its journal was deleted, renamed, replaced or truncated during its run."""
-        self._said = False
-        """That the rig is not checked."""
-        self._done_s = sum(run.job.plan.seconds for run in campaign.runs if run.number in journal.done.completed)
-        self._left = [run for run in campaign.runs if run.number not in journal.done.completed]
-        self._total_s = sum(run.job.plan.seconds for run in campaign.runs)
+        self._planned_s = {run.number: run.job.plan.seconds for run in campaign.runs}
+        """Of rig time, by run."""
 
     def go(self) -> Ended:
         """Do the remaining runs. However they end, the rig is safe, and completed runs are in the journal."""
         self._look_back()
+        note_unverified(self.campaign.rig_path, self.campaign.runs[0].job.rig)
         try:
             with page_where(self.watched, self.screen.say) as self._page, self.screen:
                 ended = self._all()
@@ -164,12 +161,11 @@ class Session:
                     self.stops.take(run.cell, broken.table)
 
     def _all(self) -> Ended:
-        for run in self._left:
+        for run in [run for run in self.campaign.runs if run.number not in self.journal.done.completed]:
             found = found_of(self.folder / run.folder)
             if found.completed and found.broken is not None:  # the crash came before the journal could say so
                 self.journal.ended(run.number, "completed", 0.0, len(found.broken.table), found.lost, run.inflates)
                 self.stops.take(run.cell, found.broken.table)
-                self._done_s += run.job.plan.seconds
                 continue
             while (ended := self._attempt(run)) is None:
                 pass  # it failed, and may be tried again
@@ -207,8 +203,8 @@ class Session:
             self.journal.began(number)
             begun = rig.clock.now()
             folder_in(folder.parent, folder.name)
-            done_s, total_s = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up is no progress
-            with self.screen.part(done_s, total_s):
+            planned = self._planned_s if run is not None else {}  # a warm-up is no progress
+            with self.screen.part(sum(planned[n] for n in self.journal.done.completed & planned.keys()), sum(planned.values())):
                 result = execute(rig, replace(job, labels=self._labels(run)), folder, self.screen, broken, self._page)
         except (InstrumentError, ActuatorsLost, RigLanded, NotPrepared) as e:  # nothing was recorded
             return self._failed(number, e, 0.0, 0)
@@ -226,7 +222,6 @@ class Session:
     def _judged(self, run: CampaignRun | None, result: Outcome) -> Ended:
         """Whether the campaign goes on after a run that was completed."""
         if run is not None:
-            self._done_s += run.job.plan.seconds
             self.stops.take(run.cell, result.table)
         if not result.safe:
             return Ended(False, "the safe state is not confirmed", False)
@@ -248,7 +243,7 @@ class Session:
 
     def _opened(self, job: Job, needs: Sequence[str]) -> Rig:
         """A rig with these instruments open: the current one if it has exactly these."""
-        if self._rig is not None and self._rig.needed(needs) == self._open:
+        if self._rig is not None and self._rig.needed(needs) == [*self._rig.identities]:
             self._rig.actuators.pulse.mark()
             return self._rig
         self._close()
@@ -256,15 +251,11 @@ class Session:
         self._rig = rig
         rig.operator = self.hands.over(rig.operator)
         connect(rig, needs)
-        self._open = rig.needed(needs)
-        if not self._said:
-            self._said = True
-            note_unverified(self.campaign.rig_path, job.rig)
         return rig
 
     def _close(self) -> None:
         if self._rig is not None:
-            rig, self._rig, self._open = self._rig, None, []
+            rig, self._rig = self._rig, None
             warn(rig.notices)
             with contextlib.suppress(KeyboardInterrupt):
                 rig.close()

@@ -73,8 +73,7 @@ def fewest_changes(parts: Sequence[Sequence[Hashable]], rng: random.Random) -> l
 
 def changes(runs: Sequence[Sequence[Hashable]]) -> int:
     """How often a person's hands are needed for the set-ups of these runs in order, the first included."""
-    flat = [setup for setups_of_run in runs for setup in setups_of_run]
-    return sum(k == 0 or s != flat[k - 1] for k, s in enumerate(flat))
+    return len(list(itertools.groupby(itertools.chain.from_iterable(runs))))
 
 
 SHOWN = 180

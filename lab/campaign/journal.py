@@ -28,6 +28,7 @@ from recordings.bounded import read_bounded
 from recordings.errors import BadJournal, RecordingError, WriteFailed
 from recordings.file.counts import counted
 from recordings.file.journal import read as read_run
+from recordings.file.journal import whole
 from recordings.file.reader import Recording
 from recordings.file.recover import RECOVERED, recover
 from recordings.json_text import read_json
@@ -63,17 +64,17 @@ class CampaignProgress:
 
     def take(self, line: Mapping[str, Any]) -> None:
         """Add a line; raises KeyError, ValueError or TypeError for one that cannot be understood."""
-        number = _whole(line["run"]) if "run" in line else 0
+        number = whole(line["run"]) if "run" in line else 0
         if "outcome" not in line:
             self.begun[number] += 1
             return
         self.seconds += float(line["seconds"])
-        self.lost += _whole(line["lost"])
+        self.lost += whole(line["lost"], 2**53)
         if line.get("inflated"):
             self.inflated = max(self.inflated, float(line["at"]))
         if number and line["outcome"] == "completed":
             self.completed.add(number)
-            self.rows += _whole(line["rows"])
+            self.rows += whole(line["rows"], 2**53)
 
 
 class CampaignJournal(contextlib.AbstractContextManager["CampaignJournal"]):
@@ -115,16 +116,15 @@ class CampaignJournal(contextlib.AbstractContextManager["CampaignJournal"]):
 
     def began(self, run: int | None) -> None:
         """A run is about to begin; None: the warm-up."""
-        self._append({"warm_up": 1} if run is None else {"run": run}, begun=time.time())
+        self._append(({"warm_up": 1} if run is None else {"run": run}) | {"begun": time.time()})
 
     def ended(self, run: int | None, outcome: str, seconds: float, rows: int, lost: int, inflated: bool) -> None:
         """A run is over; `seconds` of rig time."""
         about: dict[str, object] = {"warm_up": 1} if run is None else {"run": run}
         about |= {"outcome": outcome, "seconds": round(seconds, 3), "rows": rows, "lost": lost, "inflated": inflated}
-        self._append(about, at=time.time())
+        self._append(about | {"at": time.time()})
 
-    def _append(self, line: dict[str, object], sync: bool = True, **when: float) -> None:
-        line |= when
+    def _append(self, line: dict[str, object], sync: bool = True) -> None:
         try:
             os.write(self._fd, json.dumps(line).encode() + b"\n")
             os.fsync(self._fd)
@@ -170,16 +170,10 @@ def read(path: Path) -> CampaignProgress:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         if isinstance(error, BadJournal):
             raise
-        raise BadJournal(f"{path}: a line cannot be understood ({repr(error)[:200]})") from error
+        raise BadJournal(f"{path}: a line cannot be understood ({error!r:.200})") from error
     if done is None:
         raise BadJournal(f"{path}: is empty; nothing had begun, so start the campaign anew in another folder")
     return done
-
-
-def _whole(value: object) -> int:
-    if type(value) is not int or not 0 <= value < 2**53:
-        raise ValueError(f"{repr(value)[:80]} is not a count")
-    return value
 
 
 FILE, ROBOT = "campaign.yaml", "robot.yaml"

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -60,9 +59,7 @@ from ..verbs.run import Job, Outcome, connect, execute, job
 
 def write_page(story: Investigation, path: Path, source: str, answer: str) -> Path:
     """Write one offline page; `answer` is the name of the page of the last diagnosis beside it."""
-    report = Report(
-        "An investigation", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", _lead(story), ids=story.answer.names.keys()
-    )
+    report = Report("An investigation", source, _lead(story), ids=story.answer.names.keys())
     with tempfile.TemporaryDirectory() as place:
         section = report.section("How certain it became")
         if len(story.rounds) > 1:
@@ -137,7 +134,7 @@ def _experiment(section: PageSection, r: Round) -> None:
 def _judged(j: Tested, r: Round) -> list[str]:
     before = next((x.probability for x in r.diagnosis.attribute.ranking if x.effects == j.effects), 0.0)
     chance = f"{j.p_value:.2g}{' (failed)' if j.failed else ''}"
-    return [hypothesis(j.effects, r.diagnosis), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits + 0.0:.1f}"]
+    return [hypothesis(j.effects, r.diagnosis), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits:z.1f}"]
 
 
 def _drawn(story: Investigation, path: Path) -> Path:
@@ -171,7 +168,8 @@ class RigLaboratory:
 
     def __init__(self, wanted: argparse.Namespace, rig: RigFile, report: Callable[[Predicted], None]) -> None:
         self._wanted, self._rig, self._report, self._labels = wanted, rig, report, given_labels(wanted)
-        self._inputs: list[Path] = list(wanted.inputs)
+        self.inputs: list[Path] = list(wanted.inputs)
+        """The campaign so far: the given files and the recordings made since."""
         self._prepared = RememberingOperator()
         self._jobs: dict[str, Job | str] = {}
         self.begun = ""
@@ -180,11 +178,6 @@ class RigLaboratory:
         """Samples."""
         self.safe = True
         self.page: Page | None = None
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The campaign so far: the given files and the recordings made since."""
-        return tuple(self._inputs)
 
     def refusal(self, proposal: Proposal) -> str:
         """See Laboratory."""
@@ -223,12 +216,12 @@ class RigLaboratory:
         self.lost += sum(result.lost.values())
         self.safe = result.safe
         if len(result.table):
-            self._inputs.append(result.file)
+            self.inputs.append(result.file)
         if result.error is not None:
             raise result.error
         if not result.safe:
             raise Stopped("the safe state is not confirmed; nothing more is done")
-        return read_case(self._inputs, self._wanted.robot)
+        return read_case(self.inputs, self._wanted.robot)
 
     def _run(self, j: Job, place: Path) -> Outcome:
         with Rig(j.rig, prepared=self._wanted.yes) as rig:

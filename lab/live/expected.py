@@ -61,10 +61,10 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
 
 def gaps(case: Case, with_intervals: bool) -> list[dict[str, Any] | None]:
     """By row of a case: expected tip, its interval (`with_intervals`), measured minus expected (m); None without a tip."""
-    if not case.table.with_tip.any():
-        return [None] * len(case.table)
-    own, prediction = expected(case, intervals=True)
     out: list[dict[str, Any] | None] = [None] * len(case.table)
+    if not case.table.with_tip.any():
+        return out
+    own, prediction = expected(case, intervals=True)
     for k, row in enumerate(own.row.tolist()):
         out[row] = {**_place(prediction, k, with_intervals), "gap": (own.trials.tip[k] - prediction.tip[k]).tolist()}
     return out

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,11 @@ from recordings.json_text import read_json
 from recordings.trials import TrialRow
 
 from ..console import seconds_left
-from ..files.config import ConfigError, check, parse_yaml
+from ..files.config import ConfigError, Source, check, parse_yaml
 from ..files.rig_file import RigFile, within_robot
 from ..plain import plain
+
+T = TypeVar("T")
 
 PLAN = "plan.json"
 """The attachment that holds the steps of the plan."""
@@ -85,7 +87,7 @@ def about(path: Path, contents: Contents) -> About:
     start = contents.metadata.get("recording", {}).get("start_wall_ns", "")
     return About(
         file=path.name,
-        protocol=_protocol(contents, missing),
+        protocol=_attached(contents, "protocol.yaml", lambda source: str(source.table.get("protocol", "")), missing) or "",
         rig="" if rig is None else rig.name,
         robot="" if robot is None else robot.name,
         labels=tuple(f"{name} {text}" for name, text in contents.metadata.get(RECORD, {}).items())[:MOST],
@@ -107,15 +109,9 @@ def text_of(contents: Contents, name: str) -> str | None:
 
 def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot | None, dict[str, float]]:
     """Rig, robot and limits (SI) from the attached files; None or none where a file cannot be read, which `missing` then says."""
-    rig, robot = None, None
-    try:
-        robot = check(parse_yaml(text_of(contents, "robot.yaml") or "", "robot.yaml"), Robot)
-    except ConfigError as e:
-        missing.append(f"no model and no prediction: {e}")
-    try:
-        rig = check(parse_yaml(text_of(contents, "rig.yaml") or "", "rig.yaml"), RigFile)
-    except ConfigError as e:
-        missing.append(f"no limits: {e}")
+    robot = _attached(contents, "robot.yaml", lambda source: check(source, Robot), missing, "no model and no prediction: ")
+    rig = _attached(contents, "rig.yaml", lambda source: check(source, RigFile), missing, "no limits: ")
+    if rig is None:
         return None, robot, {}
     if robot is not None:
         rig = within_robot(rig, robot.max_pressure)
@@ -125,12 +121,13 @@ def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot 
     return rig, robot, limits | ({"spine": spine.max_length} if spine is not None else {})
 
 
-def _protocol(contents: Contents, missing: list[str]) -> str:
+def _attached(contents: Contents, name: str, read: Callable[[Source], T], missing: list[str], without: str = "") -> T | None:
+    """What is read from an attached file; None where it cannot be, which `missing` then says, after what is lost `without` it."""
     try:
-        return str(parse_yaml(text_of(contents, "protocol.yaml") or "", "protocol.yaml").table.get("protocol", ""))
+        return read(parse_yaml(text_of(contents, name) or "", name))
     except ConfigError as e:
-        missing.append(str(e))
-        return ""
+        missing.append(f"{without}{e}")
+        return None
 
 
 def _steps(contents: Contents, missing: list[str]) -> tuple[tuple[str, float], ...]:

@@ -128,14 +128,8 @@ class PageAddress:
 
 def place(bind: str = LOOPBACK, port: int = 0) -> PageAddress:
     """Listen at an address of this computer; raises OSError when that cannot be."""
-    listening = socket.socket(socket.AF_INET6 if ":" in bind else socket.AF_INET, socket.SOCK_STREAM)
-    try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((bind, port))
-        listening.listen(64)
-    except BaseException:
-        listening.close()
-        raise
+    family, both = (socket.AF_INET6, socket.has_dualstack_ipv6()) if ":" in bind else (socket.AF_INET, False)
+    listening = socket.create_server((bind, port), family=family, backlog=64, dualstack_ipv6=both)
     return PageAddress(listening, secrets.token_urlsafe(16))
 
 

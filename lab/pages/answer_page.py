@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tempfile
-import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -47,10 +46,9 @@ def write(answer: Answer, path: Path, title: str, source: str) -> Path:
 
     identifiers = f"Identifier: {' + '.join(answer.effects)}. " if answer.effects else ""
     first = answer.next_experiment[0] if answer.next_experiment else None
-    when = f"{time.strftime('%Y-%m-%d %H:%M')}{source and ', '}{source}"
     next_step = "" if first is None else f"measure {f'{first.at}:' if isinstance(first.at, str) else 'at'} {inputs_of(first)}."
     report = Report(
-        title, when, answer.headline, answer.doubts,
+        title, source, answer.headline, answer.doubts,
         f"{identifiers}Noise: {answer.noise_from}.", numbers(answer), (next_step, ""),
         f"{version_text()}. {answer.rows} rows.", answer.names.keys(),
     )  # fmt: skip

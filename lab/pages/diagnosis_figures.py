@@ -10,6 +10,7 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from diagnosis.answer.headline import hypothesis_name
@@ -53,9 +54,7 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -
             )  # fmt: skip
             ends = [step.left_mm + step.low95_mm, step.left_mm + step.high95_mm]
             steps.plot(ends, [row, row], "-", color="k", lw=1.4)
-            steps.text(
-                max(step.left_mm + step.mm, step.left_mm, *ends), row, f"  {round(step.mm, 2) + 0.0:.2f}", va="center", fontsize=8
-            )
+            steps.text(max(step.left_mm + step.mm, step.left_mm, *ends), row, f"  {step.mm:z.2f}", va="center", fontsize=8)
             steps.plot([step.left_mm] * 2, [row, row + 1], ":", color="0.5", lw=0.8)
         steps.set_yticks(range(len(names) - 1), [fill(name, 22) for name in names[1:]], fontsize=8)
         steps.set(ylim=(len(names) - 1.4, -0.6), xlabel=f"mm rms: from {calibrated:.2f} mm calibrated down to nothing")
@@ -89,8 +88,7 @@ def groups(d: Diagnosis) -> list[StateGroup]:
     """All states by the chambers inflated, the largest calibrated gap first; beyond `MOST_GROUPS` the others are one group."""
     s, keys = _states(d), [d.words.group(c) for c in d.detail["states"]["chambers"]]
     missed = np.linalg.norm(s["tip"] - s["calibrated"], axis=1)
-    worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
-    ranked = sorted(worst, key=lambda key: -worst[key])
+    ranked = pd.Series(missed).groupby(keys, sort=False).max().sort_values(ascending=False, kind="stable").index.tolist()
     rest = ""  # name of the group of all others
     if len(ranked) > MOST_GROUPS:
         rest = f"{len(ranked) - MOST_GROUPS + 1} other settings"
@@ -238,8 +236,7 @@ def _states(d: Diagnosis) -> dict[str, Array]:
 
 def _levels(values: Array, grain: float) -> Array:
     """The settings, in order, about which readings (n,) scatter by less than `grain`: the mean of each group of readings."""
-    number = levels(values, grain / 2)
-    return np.array([values[number == k].mean() for k in np.unique(number)])
+    return pd.Series(values).groupby(levels(values, grain / 2)).mean().to_numpy()
 
 
 def _grain(pressure: Array) -> float:
@@ -251,16 +248,12 @@ def _drawn(s: dict[str, Array], gap: Array, of_branch: Mask, rows: Sequence[tupl
     """(rows, pressures) mm, rms of `gap` (n, 3) m of a branch by group and spine length and nearest pressure (Pa); NaN: none."""
     mapped = np.full((len(rows), len(pressures)), np.nan)
     column = np.abs(s["pressure"][:, None] - pressures).argmin(axis=1)
+    squared = pd.Series((gap**2).sum(axis=1))
     for i, (group, length) in enumerate(rows):
         row = of_branch & group.selected & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
-        for j in np.unique(column[row]):
-            mapped[i, j] = np.sqrt(_mean((gap[row & (column == j)] ** 2).sum(axis=1))) * 1e3
+        means = squared[row].groupby(column[row]).mean()
+        mapped[i, means.index] = np.sqrt(means) * 1e3
     return mapped
-
-
-def _mean(values: Array) -> float:
-    """Mean of the values that are numbers; NaN where none is."""
-    return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
 
 
 def _curve(
@@ -273,8 +266,8 @@ def _curve(
     pressure, gap = pressure[known], gap[known]
     levels = _levels(pressure, 0.6 * _grain(pressure))
     nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
-    means = [_mean(gap[nearest == i]) for i in range(len(levels))]
-    axis.plot(levels / pascal, means, f".{style}", color=colour, lw=1.2, ms=4, label=label)
+    means = pd.Series(gap).groupby(nearest).mean()
+    axis.plot(levels[means.index] / pascal, means, f".{style}", color=colour, lw=1.2, ms=4, label=label)
 
 
 MODELS = {"calibrated": (GREY, "--", "s"), "explained": (BLUE, "-", "D")}

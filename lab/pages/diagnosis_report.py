@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -42,10 +41,9 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
     """Write one offline page: the answer, where it shows and what to do first; evidence next; details folded.
 
     `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments."""
-    when = f"{time.strftime('%Y-%m-%d %H:%M')}, {', '.join(map(str, inputs))}"
     report = Report(
-        "The gap between model and robot", when, d.headline, [f"{x}." for x in d.texts("critical")], small(d), gap_numbers(d),
-        _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
+        "The gap between model and robot", ", ".join(map(str, inputs)), d.headline, [f"{x}." for x in d.texts("critical")],
+        small(d), gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
     )  # fmt: skip
     length, table, spine = case.robot.length, case.table, case.robot.spine is not None
     report.section("The answer in full", folded=True).text(d.statement)
@@ -171,7 +169,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
     for x in w.steps:
         name = with_id(x.effect, d.names) if x.effect else steps[x.step]
-        rows.append([name, _mm(x.mm), f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}", _mm(x.left_mm)])
+        rows.append([name, f"{x.mm:z.2f}", f"{x.low95_mm:z.2f} .. {x.high95_mm:z.2f}", f"{x.left_mm:z.2f}"])
     s.table(("step", "removes, mm rms", "95 %", "remaining, mm rms"), rows)
     if origins := sentences.stands_for(d.calibration, d.words):
         s.text(f"{origins}.")
@@ -184,10 +182,6 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         itself = sentences.by_itself(sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None)
         share = "Share of the reducible gap left by calibration (as mean squares above the noise floor) closed on unseen states"
         s.text(f"{share} with {explanation}: {closed}{interval}{itself}.")
-
-
-def _mm(value: float) -> str:
-    return f"{round(value, 2) + 0.0:.2f}"
 
 
 def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:
@@ -346,7 +340,7 @@ def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
 
 
 def _point(metres: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{round(1e3 * x, 1) + 0.0:.1f}" for x in metres) + ")"
+    return "(" + ", ".join(f"{1e3 * x:z.1f}" for x in metres) + ")"
 
 
 def _miss(state: Mapping[str, Any], model: str) -> str:

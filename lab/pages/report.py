@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import re
+import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -147,7 +148,8 @@ class Report:
     """A page."""
 
     title: str
-    subtitle: str
+    source: str
+    """What it was made from, which stands behind the time below the title."""
     lead: str
     warnings: Sequence[str] = ()
     """Above the lead: what has to be known before it is believed."""
@@ -176,6 +178,7 @@ class Report:
         page = environment.get_template("report.html.j2").render(
             {name: value for name, value in vars(self).items() if name != "sections"},
             sections=[vars(s) for s in self.sections],
+            when=time.strftime("%Y-%m-%d %H:%M"),
             marks=Marks(self.ids),
             terms=TERMS,
         )

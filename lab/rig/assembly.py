@@ -91,14 +91,10 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
         self.sensors: dict[str, MessageType] = {}
         """The messages of the lab's own sensors, by instrument."""
         self.watch = Watch(self.actuators, self.vital, self.streams, file.limits, lambda: self.stop_now())
-        self._force: ForceLimit | None = None
-        if instruments.force:
-            self._force = ForceLimit(file.limits, instruments.force, self.actuators.pulse)
-            self._stream("force", instruments.force)
-        if instruments.mocap:
-            self._stream("mocap", instruments.mocap)
-        for name, config in instruments.sensors.items():
-            self._stream(SENSORS + name, config)
+        self._force = ForceLimit(file.limits, instruments.force, self.actuators.pulse) if instruments.force else None
+        for name in present(instruments):
+            if name not in REMOTES:
+                self._stream(name, table_of(instruments, name))
         if instruments.arm:
             self.streams["arm_state"] = HostedArmState(
                 "arm_state", instruments.arm, self.clock, functools.partial(self._take, "arm_state")
@@ -114,8 +110,8 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
     @property
     def names(self) -> list[str]:
         """The instruments that rig.yaml has, in the order of connecting."""
-        present = [n for n in REMOTES if getattr(self.file.instruments, n) is not None]
-        return [n for n in (ORDER[0], *self.sensors, *ORDER[1:]) if n in present or n in self.streams]
+        there = {*present(self.file.instruments), *self.streams}
+        return [n for n in (ORDER[0], *self.sensors, *ORDER[1:]) if n in there]
 
     def open(self, name: str) -> Identity:
         """Connect one instrument; raises InstrumentError, and ConfigError where only a fake may be."""

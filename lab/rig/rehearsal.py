@@ -47,7 +47,7 @@ from recordings.trials import TrialRow
 
 from ..console import Screen
 from ..files.packages import told_at
-from ..files.rig_file import RigFile, drivers
+from ..files.rig_file import RigFile, drivers, present
 from .assembly import TOPICS, recorded
 from .limits import bodies, wiring
 
@@ -187,11 +187,8 @@ class Desk:
     def bench(self, recorder: Recorder, needs: Sequence[str]) -> Bench:
         """What a protocol with these needs gets on the rig: the regulators in any case."""
         has = {*needs, "pressure", *(("arm_state",) if "arm" in needs else ())}
-        opened = {
-            name: getattr(self, name)
-            for name in has
-            if getattr(self.rig.instruments, "arm" if name == "arm_state" else name) is not None
-        }
+        there = present(self.rig.instruments)
+        opened = {name: getattr(self, name) for name in has if name.removesuffix("_state") in there}
         for instrument in opened.values():
             instrument.open()
         for message in self.sensors:

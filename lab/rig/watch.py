@@ -355,12 +355,7 @@ class RigRecovery:
             raise _with(cause, f"the pause is not confirmed safe: {report}")
         if ask:
             self._operator.confirm(str(cause))
-        try:
-            self._actuators.resume()
-        except InstrumentError as e:
-            raise e from cause
-        self._await_health(cause)
-        self._say("Resuming")
+        self._go_on(cause)
 
     def rest(self, over: Callable[[], bool], stopping: Callable[[], bool]) -> None:
         """The pause that a person asked for, until it is `over`, under watch. Raises Stopped, or what fails or stays wrong."""
@@ -374,12 +369,14 @@ class RigRecovery:
             self._actuators.pulse.mark()
             self._watch.look(resting=True)
             timing.sleep(LOOK)
-        self._actuators.resume()
-        self._await_health(None)
-        self._say("Resuming")
+        self._go_on(None)
 
-    def _await_health(self, cause: InstrumentError | None) -> None:
-        """Wait until nothing was wrong for `STEADY`; raises `cause`, or what is still wrong, after `limits.resume_within`."""
+    def _go_on(self, cause: InstrumentError | None) -> None:
+        """Resume, and see nothing wrong for `STEADY`; raises `cause`, or what is still wrong, after `limits.resume_within`."""
+        try:
+            self._actuators.resume()
+        except InstrumentError as e:
+            raise e from cause
         give_up = timing.now() + self._limits.resume_within
         well_since = timing.now()
         self._watch.forget()
@@ -398,6 +395,7 @@ class RigRecovery:
                     raise
                 raise _with(cause, str(e)) from e
             timing.sleep(LOOK)
+        self._say("Resuming")
 
 
 def _with(cause: InstrumentError, more: str) -> InstrumentError:

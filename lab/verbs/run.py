@@ -11,7 +11,6 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -100,7 +99,7 @@ def job(
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
     facts = robot_facts(robot, rig)
-    given = source_of(protocol, settings) if isinstance(protocol, str) else _with(protocol, settings)
+    given = source_of(protocol, settings)
     experiment, parameters, plan = protocol_plan(given, facts, of_file)
     if not facts.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
@@ -169,10 +168,24 @@ def planned_columns(rows: Sequence[Mapping[str, Any]], robot: Robot, channels: S
     return columns | {name: np.full(len(rows), float(name == "qw")) for name in channels}
 
 
-def source_of(protocol: str, settings: Sequence[str] = ()) -> Source:
-    """What a protocol file says, or a name alone, with `settings` put in; raises ConfigError."""
-    is_file = Path(protocol).suffix in (".yaml", ".yml")
-    return _with(read_yaml(Path(protocol)) if is_file else Source(protocol, {"protocol": protocol}, {}), settings)
+def source_of(protocol: str | Source, settings: Sequence[str] = ()) -> Source:
+    """What a protocol file says, or a name alone, with `--set key=value` (dotted keys) applied; raises ConfigError."""
+    if isinstance(protocol, str):
+        is_file = Path(protocol).suffix in (".yaml", ".yml")
+        protocol = read_yaml(Path(protocol)) if is_file else Source(protocol, {"protocol": protocol}, {})
+    data: Any = copy.deepcopy(protocol.data)
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals or not isinstance(data, dict):
+            raise ConfigError(f"--set {setting}: write KEY=VALUE, for example --set repeats=3")
+        place = data
+        *path, last = key.strip().split(".")
+        for step in path:
+            place = place.setdefault(step, {})
+            if not isinstance(place, dict):
+                raise ConfigError(f"--set {setting}: {step} is not a table")
+        place[last] = parse_yaml(text, f"--set {key}").data
+    return Source(protocol.name, data, protocol.lines)
 
 
 def _experiment(source: Source, of_file: Experiment | None = None) -> Experiment:
@@ -197,7 +210,7 @@ def _experiment(source: Source, of_file: Experiment | None = None) -> Experiment
     return protocols.usable[name]
 
 
-@contextmanager
+@contextlib.contextmanager
 def _by_protocol(file: str | Path | None) -> Iterator[None]:
     """Report a mistake in the file of a lab's own protocol at its line."""
     try:
@@ -225,23 +238,6 @@ def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
     if plan.protocol != experiment.name:
         raise BadProtocol(f"{experiment.name}: plan names {plan.protocol!r}; write Plan({experiment.name!r}, ..) in {file}")
     return plan
-
-
-def _with(source: Source, settings: Sequence[str]) -> Source:
-    """Return the source with `--set key=value` (dotted keys) applied."""
-    data: Any = copy.deepcopy(source.data)
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        if not equals or not isinstance(data, dict):
-            raise ConfigError(f"--set {setting}: write KEY=VALUE, for example --set repeats=3")
-        place = data
-        *path, last = key.strip().split(".")
-        for step in path:
-            place = place.setdefault(step, {})
-            if not isinstance(place, dict):
-                raise ConfigError(f"--set {setting}: {step} is not a table")
-        place[last] = parse_yaml(text, f"--set {key}").data
-    return Source(source.name, data, source.lines)
 
 
 def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehearsing: bool = False) -> Result:

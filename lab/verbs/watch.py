@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import os
 import signal
 import sys
 import threading
@@ -103,7 +104,7 @@ def listening(bind: str, port: int) -> PageAddress:
     try:
         return place(bind, port)
     except OSError as e:
-        raise ConfigError(f"--bind {bind} --port {port}: cannot listen there: {e.strerror}") from e
+        raise ConfigError(f"--bind {bind} --port {port}: cannot listen there: {os.strerror(e.errno or 0)}") from e
 
 
 VERBS = (

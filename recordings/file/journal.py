@@ -180,24 +180,23 @@ def read(path: Path) -> Progress:
                     raise BadJournal(f"{path}: has version {line['journal']}, this software reads {VERSION}")
                 campaign, protocol = str(line["campaign"]), str(line["protocol"])
             elif "recording" in line:
-                recordings.append((str(line["recording"]), _whole(line["first_trial"])))
+                recordings.append((str(line["recording"]), whole(line["first_trial"])))
                 done = {trial: states for trial, states in done.items() if trial < recordings[-1][1]}
                 skipped = {trial for trial in skipped if trial < recordings[-1][1]}
             elif "done" in line:
-                done[_whole(line["trial"])] = _whole(line["done"])
+                done[whole(line["trial"])] = whole(line["done"])
             elif "skipped" in line:
-                _whole(line["skipped"])
-                skipped.add(_whole(line["trial"]))
+                whole(line["skipped"])
+                skipped.add(whole(line["trial"]))
     except (ValueError, KeyError, TypeError) as error:
-        raise BadJournal(
-            f"{path}: a line cannot be understood ({repr(error)[:200]}); without it the run cannot be resumed"
-        ) from error
+        raise BadJournal(f"{path}: a line cannot be understood ({error!r:.200}); without it the run cannot be resumed") from error
     if not campaign or not recordings:
         raise BadJournal(f"{path}: does not name a campaign and a recording; it is not the journal of a run")
     return Progress(campaign, protocol, tuple(recordings), done, frozenset(skipped))
 
 
-def _whole(value: object) -> int:
-    if type(value) is not int or not 0 <= value < 2**31:
-        raise ValueError(f"{repr(value)[:80]} is not a trial number")
+def whole(value: object, most: int = 2**31) -> int:
+    """The value, if it is a whole number from 0 to below `most`; raises ValueError."""
+    if type(value) is not int or not 0 <= value < most:
+        raise ValueError(f"{value!r:.80} is not a whole number from 0 on")
     return value
