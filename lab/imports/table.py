@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from diagnosis.arrays import rows_by
 from diagnosis.data import case as measured
 from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
@@ -232,10 +233,10 @@ def conclude(
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own_cuts)))
     states = Table.stacked(parts)
-    found = list(jumps(states, float(straight[2])))
+    found = list(jumps(states, float(straight[2]), robot.actuators.words))
     files = [(series.path.name, series.place, q.row) for series, q, _ in every]
     places = [f"{name}, {place(int(row_of[row]))}" for (name, place, row_of), row in ((files[file], row) for file, row in rows)]
-    notes += _jump_notes(found, places, robot.actuators.words)
+    notes += _jump_notes(found, places)
     contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
     states, kept_states = without(contradicted, states)
     rows = list(compress(rows, kept_states))
@@ -327,14 +328,13 @@ def follows_pressure(states: Table, name: str, same: float) -> float:
 
 def _demand_mounted(states: Table) -> None:
     """Raise ConfigError where the turn of the body in its mount changes within a trial."""
-    order = np.argsort(states.trial, kind="stable")
-    roll, (trials, begins) = states.get("roll_deg")[order], np.unique(states.trial[order], return_index=True)
-    lows, highs = (f.reduceat(roll, begins).tolist() for f in (np.fmin, np.fmax))  # NaN where no state has one
-    for trial, low, high in zip(trials.tolist(), lows, highs, strict=True):
+    roll = states.get("roll_deg")
+    for rows in rows_by(states.trial):
+        low, high = np.fmin.reduce(roll[rows]), np.fmax.reduce(roll[rows])  # NaN where no state has one
         if high - low > SAME_ROLL:
             raise ConfigError(
-                f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {trial}, but the body does not turn in its "
-                "mount. If this column is an angle of the tip, write it under orientation (columns, order, unit)"
+                f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {states.trial[rows[0]]}, but the body does "
+                "not turn in its mount. If this column is an angle of the tip, write it under orientation (columns, order, unit)"
             )
 
 
@@ -379,7 +379,7 @@ def _without_strays(
     return replace(q, table=_placed(q.table, tip, markers)), torn
 
 
-def _jump_notes(found: Sequence[Jump], places: Sequence[str], words: Words) -> Iterator[str]:
+def _jump_notes(found: Sequence[Jump], places: Sequence[str]) -> Iterator[str]:
     """What to ask about points that moved farther than the body can; `places`: where each state begins in the files."""
     for number, jump in enumerate(found[: MOST_JUMPS + 1]):
         place = places[jump.state]
@@ -389,7 +389,7 @@ def _jump_notes(found: Sequence[Jump], places: Sequence[str], words: Words) -> I
         doubt = "was it another marker, or was something moved?" if len(jump.bodies) == 1 else "were they confused?"
         remedy = "put these rows into a separate file and name its columns under files: {PATTERN: {columns: ..}}"
         asked = f": {doubt} If so, {remedy}, or leave them out" * (not jump.against)
-        yield f"{place}: {jump.text(words)}{asked}"
+        yield f"{place}: {jump.text}{asked}"
 
 
 def _rest(q: FileRows) -> Array:
@@ -515,9 +515,8 @@ def _numbered(
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
     repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
     again, highest = [], states.pressures.max(axis=1)
-    of_trials = np.split(np.argsort(trial, kind="stable"), np.cumsum(np.bincount(trial))[:-1])
-    for k, kind in enumerate(_kinds(states, trial, gap)):
-        of_trial = of_trials[k]
+    of_trials = rows_by(trial)
+    for k, (of_trial, kind) in enumerate(zip(of_trials, _kinds(states, trial, gap), strict=True)):
         earlier = repeats_of_kind.setdefault(kind, [])
         stated = Counter(repeat[of_trial][repeat[of_trial] != 0].tolist())
         usual = stated.most_common(1)[0][0] if stated else 1 + len(earlier)
