@@ -27,7 +27,7 @@ from recordings.trials import Mapped, Table
 
 from ..console import note
 from ..plain import typed
-from .config import ConfigError, Source, check, parse_yaml, read_yaml
+from .config import ConfigError, check, parse_yaml, read_yaml
 from .jumps import believed, without_contradicted
 from .map_file import stated_map
 from .robot_numbers import doubts
@@ -70,24 +70,6 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
     recorded = [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     folders = [path for path in inputs if path.is_dir()]
-    source, robot = _described(recordings, folders, robot_path)
-    parts = [
-        (str(path / "trials.csv"), replace(read_csv(path / "trials.csv"), mapped=_mapped(path / "map.yaml", robot)))
-        for path in folders
-    ]
-    return case_of(robot, [*parts, *recorded], source.name, source.text.decode())
-
-
-def robot_of(inputs: Sequence[Path]) -> Robot:
-    """The robot that recordings and case folders describe, without their states; raises ConfigError, RecordingError."""
-    for path in inputs:
-        _demand_case(path)
-    recordings = [Recording.open(path) for path in inputs if not path.is_dir()]
-    return _described(recordings, [path for path in inputs if path.is_dir()], None)[1]
-
-
-def _described(recordings: Sequence[Recording], folders: Sequence[Path], robot_path: Path | None) -> tuple[Source, Robot]:
-    """The first robot.yaml, and what all describe; raises ConfigError where they describe different robots."""
     sources = list(map(read_yaml, [path / "robot.yaml" for path in folders] if robot_path is None else [robot_path]))
     for recording in recordings if robot_path is None else ():
         sources.append(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"))
@@ -97,7 +79,11 @@ def _described(recordings: Sequence[Recording], folders: Sequence[Path], robot_p
             raise ConfigError(
                 f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for both with --robot"
             )
-    return source, robot
+    parts = [
+        (str(path / "trials.csv"), replace(read_csv(path / "trials.csv"), mapped=_mapped(path / "map.yaml", robot)))
+        for path in folders
+    ]
+    return case_of(robot, [*parts, *recorded], source.name, source.text.decode())
 
 
 def _mapped(path: Path, robot: Robot) -> Mapped | None:

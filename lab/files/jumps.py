@@ -68,28 +68,14 @@ class Jump:
     """The one after the jump, from 0."""
     bodies: tuple[int, ...]
     """0: the tip, 1 .. markers; and the one of a higher number with which it has changed places, if one."""
-    distance: float
-    """m"""
-    pressure: float
-    """Pa, the largest change of a chamber."""
+    text: str
+    """What moved, in the words for the robot's actuators, and that it is left out if others contradict it."""
     against: int
     """States that all contradict this one, at least `AGAINST`, or 0: those at nearly the same pressures and loads, or those
     before and after it, if two points have changed places in this one alone."""
 
-    def text(self, words: Words) -> str:
-        """What moved, in the words for a robot's actuators, and that it is left out if others contradict it."""
-        names = [BODIES[body] for body in self.bodies]
-        what = (
-            f"{names[0]} moves by {1e3 * self.distance:.1f} mm while no {words.pressure} changes by more than "
-            f"{self.pressure / words.pascal:.3g} {words.unit}, farther than the body can"
-            if len(names) == 1
-            else f"{' and '.join(names)} swap places"
-        )
-        left_out = f", unlike in all {self.against} states that compare with this one: left out"
-        return what + left_out * bool(self.against)
 
-
-def jumps(states: Table, length: float) -> Iterator[Jump]:
+def jumps(states: Table, length: float, words: Words) -> Iterator[Jump]:
     """Points (the tip, markers) that move farther from one state to the next than those of a robot of this length (m) can.
 
     Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
@@ -143,8 +129,15 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
         for i, other in taken.items():
             bodies = (point,) if other is None else (point, other)
             state = int(earlier[i] if contradicted.get(int(earlier[i])) else later[i])
-            moved, pressure = float(distance[i, point]), float(pressure_change[i])
-            found[state, point] = Jump(state, bodies, moved, pressure, contradicted.get(state, 0))
+            what = (
+                f"{BODIES[point]} moves by {1e3 * distance[i, point]:.1f} mm while no {words.pressure} changes by more than "
+                f"{pressure_change[i] / words.pascal:.3g} {words.unit}, farther than the body can"
+                if other is None
+                else f"{BODIES[point]} and {BODIES[other]} swap places"
+            )
+            compared = contradicted.get(state, 0)
+            left_out = f", unlike in all {compared} states that compare with this one: left out" * bool(compared)
+            found[state, point] = Jump(state, bodies, what + left_out, compared)
     # each once: a state may be held against the one before it and the last one at rest, and both points change places
     yield from (jump for _, jump in sorted(found.items()) if jump.bodies[0] == min(jump.bodies))
 
@@ -172,9 +165,10 @@ def without(places: Sequence[tuple[int, int]], states: Table) -> tuple[Table, Ma
 def without_contradicted(table: Table, robot: Robot) -> Table:
     """A table that no import has checked without the places that jump and that others contradict, each with a warning."""
     rows = np.flatnonzero(table.with_tip)
-    found = [j for j in jumps(table.take(rows), robot.length) if j.against] if len(rows) > AGAINST else ()
+    every = jumps(table.take(rows), robot.length, robot.actuators.words) if len(rows) > AGAINST else ()
+    found = [jump for jump in every if jump.against]
     places = [(int(rows[j.state]), body) for j in found for body in j.bodies]
-    warnings = (f"{table.place(int(rows[j.state]))}: {j.text(robot.actuators.words)}" for j in found)
+    warnings = (f"{table.place(int(rows[j.state]))}: {j.text}" for j in found)
     return replace(without(places, table)[0], warnings=(*table.warnings, *warnings))
 
 

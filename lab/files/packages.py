@@ -79,29 +79,8 @@ def installed(
         else:
             for name, thing in things.items():
                 offers.setdefault(name, []).append((entry, thing))
-    return _settled(ours, missing, offers, faults)
-
-
-def without(faults: Callable[[object], str]) -> Unpack[Any]:
-    """The object of an entry point, unless it has `faults`."""
-
-    def unpack(name: str, thing: object) -> dict[str, object]:
-        if wrong := faults(thing):
-            raise Unusable(wrong)
-        return {name: thing}
-
-    return unpack
-
-
-def _settled(
-    ours: Mapping[str, T],
-    missing: Mapping[str, str],
-    offers: Mapping[str, list[tuple[Entry, T]]],
-    faults: Mapping[str, list[str]],
-) -> Registered[T]:
-    """Decide who has each name: the project, else the one package that offers it; `offers`, `faults`: by announced name."""
     usable, broken, doubts = dict(ours), dict(missing), {}
-    for name in {**offers, **faults}:
+    for name in {**offers, **faults}:  # who has each: the project, else the one package that offers it
         offered, wrong = offers.get(name, []), faults.get(name, [])
         if name in ours or name in missing:
             refused = [f"{e}: the name {name} belongs to this software and cannot be replaced; {e.remedy}" for e, _ in offered]
@@ -118,6 +97,17 @@ def _settled(
         else:
             broken[name] = "\n".join(wrong)
     return Registered(MappingProxyType(usable), MappingProxyType(broken), MappingProxyType(doubts))
+
+
+def without(faults: Callable[[object], str]) -> Unpack[Any]:
+    """The object of an entry point, unless it has `faults`."""
+
+    def unpack(name: str, thing: object) -> dict[str, object]:
+        if wrong := faults(thing):
+            raise Unusable(wrong)
+        return {name: thing}
+
+    return unpack
 
 
 def told_at(error: BaseException, file: str | Path, hint: str = "") -> str:

@@ -6,7 +6,6 @@ frame is the cosine between both movements from rest, over all rows; it is free 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -132,9 +131,10 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     markers = {t: _xyz(series, t, rest, tip_unit) - base for t in other_places} if len(other_places) == len(robot.markers) else {}
     markers = dict(sorted(markers.items(), key=lambda place: _spread(place[1])))
     moves = _spread(from_base)
-    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # a marker that is never seen at rest
-        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in markers.values() if _spread(m) < moves]
-    in_m = from_base * KINDS["m"][unit]
+    size = KINDS["m"][unit]
+    # NaN of a marker that is never seen at rest
+    resting = [np.ma.masked_invalid(m[rest]).mean(axis=0).filled(np.nan) * size for m in markers.values() if _spread(m) < moves]
+    in_m = from_base * size
     own = pressures if pressures.shape[1] == len(robot.actuators.azimuths_deg) else pressures[:, :0]
     driven = Driven(own - np.nanmin(own, axis=0, initial=np.inf), _roll(series, headings), _mass_at_rest(series, rest))
     _guess_frame(g, in_m, rest, resting, robot, rests, driven)

@@ -33,36 +33,31 @@ def turn_off(states: Table, length: float) -> tuple[float, float] | None:
     if not resting.any():
         return None
     turn = scipy.spatial.transform.Rotation.from_quat(oriented.orientation.reshape(-1, 4), scalar_first=True)
-    bent, across = _from_rest(turn, resting), _across(oriented.tip, resting)
-    moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
-    clear = turned > LEAST_TURN
-    if clear.sum() < FEWEST or not (moved[clear] > 0).any():
+    bent, across = _from_rest(oriented.tip, turn, resting)
+    if len(bent) < FEWEST or not across.any():
         return None
-    agreement = float((across * bent)[clear].sum() / (moved * turned)[clear].sum())
-    size = float(moved[clear].sum() / (length / 2 * turned[clear].sum()))  # an arc's end moves length / 2 per rad
+    moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
+    agreement = float((across * bent).sum() / (moved * turned).sum())
+    size = float(moved.sum() / (length / 2 * turned.sum()))  # an arc's end moves length / 2 per rad
     return None if agreement > FITS and SIZES[0] < size < SIZES[1] else (agreement, size)
 
 
 def turn_misfit(tip: Array, turn: scipy.spatial.transform.Rotation, resting: Mask) -> float | None:
     """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None: hardly turns."""
-    bent, axis = _from_rest(turn, resting), _across(tip, resting)
-    axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
-    told = np.linalg.norm(bent, axis=1) > LEAST_TURN
-    if told.sum() < FEWEST:
+    bent, axis = _from_rest(tip, turn, resting)
+    if len(bent) < FEWEST:
         return None
+    axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
     about = np.maximum((bent * axis).sum(axis=1), 0.0)
-    return float(np.sqrt(((bent - about[:, None] * axis)[told] ** 2).sum(axis=1).mean()))
+    return float(np.sqrt(((bent - about[:, None] * axis) ** 2).sum(axis=1).mean()))
 
 
-def _from_rest(turn: scipy.spatial.transform.Rotation, resting: Mask) -> Array:
-    """(n, 3) rad, rotation vectors from the mean of the states at rest."""
-    return np.asarray((turn * turn[resting].mean().inv()).as_rotvec())
-
-
-def _across(tip: Array, resting: Mask) -> Array:
-    """(n, 3) m, the displacement from rest across z, turned by a quarter about z: the axis about which a body bends there."""
-    moved = tip - tip[resting].mean(axis=0)
-    return np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(tip))])
+def _from_rest(tip: Array, turn: scipy.spatial.transform.Rotation, resting: Mask) -> tuple[Array, Array]:
+    """Of the rows that turn by `LEAST_TURN` from the mean of the states at rest: rotation vectors from it (m, 3) rad, and the
+    displacement across z, turned by a quarter about z (m, 3) m: the axis about which a body bends there."""
+    bent, moved = (turn * turn[resting].mean().inv()).as_rotvec(), tip - tip[resting].mean(axis=0)
+    clear = np.linalg.norm(bent, axis=1) > LEAST_TURN
+    return bent[clear], np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(tip))])[clear]
 
 
 # ------------------------------------------------------------------ from file to file

@@ -32,15 +32,13 @@ from ..files.config import ConfigError
 from ..files.map_file import Map, Source
 from .clock import EPOCH
 from .joining import at_times
-from .series import Series, Texts, leaves, name_in
+from .series import MOST_COLUMNS, Series, Texts, leaves, name_in
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Decoder = Callable[[bytes], Any]
 
-MOST_FIELDS = 5000
-"""Numbers of one message that are read."""
 MOST_REASONS, MOST_SAID = 3, 160
 """Reasons that a note gives, and letters of each."""
 SHOWN = 12
@@ -212,7 +210,7 @@ def _decode(recording: Recording, topics: Mapping[str, Topic]) -> None:
         for log_time, payload in zip(log_times.tolist(), payloads, strict=True):
             try:
                 message = decode(payload)
-                row = dict(islice(_numbers(channel.topic, message), MOST_FIELDS))
+                row = dict(islice(_numbers(channel.topic, message), MOST_COLUMNS))
             except Exception as e:  # whatever a decoder raises, this is no message
                 topic.left_out += 1
                 topic.why.setdefault(_short(e))

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from diagnosis.arrays import rows_by
 from diagnosis.data import case as measured
 from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
@@ -28,7 +29,7 @@ from recordings.ambient import AMBIENT
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
-from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
+from recordings.trials import AXES, HEAD, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
 from ..files.jumps import Jump, at_rest, jumps, loads, without
@@ -232,10 +233,10 @@ def conclude(
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own_cuts)))
     states = Table.stacked(parts)
-    found = list(jumps(states, float(straight[2])))
+    found = list(jumps(states, float(straight[2]), robot.actuators.words))
     files = [(series.path.name, series.place, q.row) for series, q, _ in every]
     places = [f"{name}, {place(int(row_of[row]))}" for (name, place, row_of), row in ((files[file], row) for file, row in rows)]
-    notes += _jump_notes(found, places, robot.actuators.words)
+    notes += _jump_notes(found, places)
     contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
     states, kept_states = without(contradicted, states)
     rows = list(compress(rows, kept_states))
@@ -327,14 +328,13 @@ def follows_pressure(states: Table, name: str, same: float) -> float:
 
 def _demand_mounted(states: Table) -> None:
     """Raise ConfigError where the turn of the body in its mount changes within a trial."""
-    order = np.argsort(states.trial, kind="stable")
-    roll, (trials, begins) = states.get("roll_deg")[order], np.unique(states.trial[order], return_index=True)
-    lows, highs = (f.reduceat(roll, begins).tolist() for f in (np.fmin, np.fmax))  # NaN where no state has one
-    for trial, low, high in zip(trials.tolist(), lows, highs, strict=True):
+    roll = states.get("roll_deg")
+    for rows in rows_by(states.trial):
+        low, high = np.fmin.reduce(roll[rows]), np.fmax.reduce(roll[rows])  # NaN where no state has one
         if high - low > SAME_ROLL:
             raise ConfigError(
-                f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {trial}, but the body does not turn in its "
-                "mount. If this column is an angle of the tip, write it under orientation (columns, order, unit)"
+                f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {states.trial[rows[0]]}, but the body does "
+                "not turn in its mount. If this column is an angle of the tip, write it under orientation (columns, order, unit)"
             )
 
 
@@ -379,7 +379,7 @@ def _without_strays(
     return replace(q, table=_placed(q.table, tip, markers)), torn
 
 
-def _jump_notes(found: Sequence[Jump], places: Sequence[str], words: Words) -> Iterator[str]:
+def _jump_notes(found: Sequence[Jump], places: Sequence[str]) -> Iterator[str]:
     """What to ask about points that moved farther than the body can; `places`: where each state begins in the files."""
     for number, jump in enumerate(found[: MOST_JUMPS + 1]):
         place = places[jump.state]
@@ -389,13 +389,13 @@ def _jump_notes(found: Sequence[Jump], places: Sequence[str], words: Words) -> I
         doubt = "was it another marker, or was something moved?" if len(jump.bodies) == 1 else "were they confused?"
         remedy = "put these rows into a separate file and name its columns under files: {PATTERN: {columns: ..}}"
         asked = f": {doubt} If so, {remedy}, or leave them out" * (not jump.against)
-        yield f"{place}: {jump.text(words)}{asked}"
+        yield f"{place}: {jump.text}{asked}"
 
 
 def _rest(q: FileRows) -> Array:
     """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
     places = np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)
-    return _averages([np.flatnonzero(at_rest(q.table.pressures))])(places)[0]
+    return np.asarray(np.ma.masked_invalid(places[at_rest(q.table.pressures)]).mean(axis=0).filled(np.nan))
 
 
 # ------------------------------------------------------------------ frames
@@ -435,7 +435,7 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     markers, marker_shift = table.markers, np.zeros(table.markers.shape[1:])
     both = min(len(marker_shift), places.shape[1])  # of the file and of robot.yaml
     offset = places[:, :both] - markers[resting, :both]
-    marker_shift[:both] = np.nan_to_num(_averages([np.arange(len(offset))])(offset)[0])
+    marker_shift[:both] = np.ma.masked_invalid(offset).mean(axis=0).filled(0.0)
     return _placed(table, table.tip + shift, markers + marker_shift)
 
 
@@ -449,58 +449,32 @@ def _force_turned(states: Table, frame: Array) -> Table:
 
 
 # ------------------------------------------------------------------ states
-def _averages(rows: Sequence[Ints]) -> Callable[[Array], Array]:
-    """A function from values (n, ..) of all rows to means (m, ..) of the finite ones over each state's `rows`, NaN of none."""
-    at = np.concatenate([*rows, [0]]).astype(np.int64)  # the last is of no state: each begin must lie within
-    begins = np.cumsum([0, *map(len, rows)])
-    empty = np.diff(begins) == 0
-
-    def means(values: Array) -> Array:
-        taken = values[at]
-        known = np.isfinite(taken)
-        sums, counts = (np.add.reduceat(x, begins, axis=0)[:-1] for x in (np.where(known, taken, 0.0), known.astype(float)))
-        counts[empty] = 0.0
-        return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0))
-
-    return means
-
-
 def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
     """One row per cut of a file: means, standard deviations (sd_..), the last word; its group is `trial`. Raises ConfigError."""
-    n, cut_rows, q_seen = len(kept), [cut.rows for _, cut in kept], q.seen
+    import pandas as pd
+
+    n, cut_rows, q_seen = len(kept), [np.arange(cut.rows.start, cut.rows.stop) for _, cut in kept], q.seen
+    seen = [of_cut[q_seen[of_cut]] for of_cut in cut_rows]  # rows of each cut with tip and pressures
     turn, turned = _turns(q.table)
-    of_cuts = _averages([np.arange(rows.start, rows.stop) for rows in cut_rows])
-    columns: dict[str, NDArray[Any]] = {name: np.full(n, value) for name, value in q.constants.items()}
-
-    def fill(name: str, values: NDArray[Any] | Sequence[Any]) -> None:
-        """Add a column; where it has no number, that of all rows stays."""
-        columns[name] = np.where(np.isnan(values), columns.get(name, np.nan), values)
-
-    pressures, tip, markers = q.table.pressures, q.table.tip, q.table.markers
-    averaged = {"t", *pressure_columns(pressures.shape[1]), *TIP, *ORIENTATION, *sum(marker_columns(markers.shape[1]), ())}
-    for name, values in q.table.values.items():
-        if name in TEXTS:
-            last = [next((word for word in values[rows].tolist()[::-1] if word), "") for rows in cut_rows]
-            columns[name] = np.where(np.array(last) == "", columns.get(name, ""), last)
-        elif name not in averaged:
-            fill(name, of_cuts(values))
-    seen = [np.flatnonzero(q_seen[rows]) + rows.start for rows in cut_rows]  # rows of each cut with tip and pressures
-    of_seen, counts = _averages(seen), np.array([len(rows) for rows in seen])
-    group, at = np.repeat(np.arange(n), counts), np.concatenate(seen)
-    several, at_rest = counts > 1, np.array([cut.at_rest for _, cut in kept])
-    of_state: dict[str, NDArray[Any]] = {"t": of_seen(q.t)}
-    for names, values in ((pressure_columns(pressures.shape[1]), pressures), (TIP, tip)):
-        means, squares = of_seen(values), np.zeros(values.shape)
-        of_state |= zip(names, means.T, strict=True)
-        squares[at] = (values[at] - means[group]) ** 2
-        freedom = np.where(several, counts / np.maximum(counts - 1, 1), np.nan)
-        for name, deviation in zip(names, np.sqrt(of_seen(squares) * freedom[:, None]).T, strict=True):
-            fill(f"sd_{name}", np.where(at_rest & (name not in TIP), np.nan, deviation))
-    # windows at rest have no pressure, whatever was read
-    of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(pressures.shape[1])}
-    for names, places in zip(marker_columns(markers.shape[1]), np.swapaxes(markers, 0, 1), strict=True):
-        visible = np.isfinite(places).all(axis=1)
-        of_state |= zip(names, of_cuts(np.where(visible[:, None], places, np.nan)).T, strict=True)
+    driven, markers = pressure_columns(q.table.pressures.shape[1]), marker_columns(q.table.markers.shape[1])
+    every, words = pd.DataFrame({**q.table.values}), [name for name in q.table.values if name in TEXTS]
+    every[words] = every[words].where(every[words] != "")
+    for axes in map(list, markers):  # a marker that lacks an axis was not seen
+        every.loc[every[axes].isna().any(axis=1), axes] = np.nan
+    of_cuts, of_seen = (
+        every.take(np.concatenate(own)).groupby(np.repeat(np.arange(n), [*map(len, own)])) for own in (cut_rows, seen)
+    )
+    means = of_cuts.mean(numeric_only=True)
+    of_state = of_seen[["t", *driven, *TIP]].mean().join(means[[*sum(markers, ())]])
+    filled = of_seen[[*driven, *TIP]].std().add_prefix("sd_")
+    at_rest = np.array([cut.at_rest for _, cut in kept])  # windows at rest have no pressure, whatever was read
+    of_state.loc[at_rest, [*driven]], filled.loc[at_rest, [f"sd_{name}" for name in driven]] = 0.0, np.nan
+    for further in (means, of_cuts[words].last(), pd.DataFrame({**q.constants}, index=range(n))):
+        filled = filled.combine_first(further)  # where a column has no value, that of all rows stays
+    columns: dict[str, NDArray[Any]] = {
+        str(name): column.fillna("").to_numpy(np.str_) if name in TEXTS else column.to_numpy() for name, column in filled.items()
+    }
+    several = np.array([len(rows) > 1 for rows in seen])
     held = columns.pop("hold", np.full(n, np.nan))
     columns["hold"] = np.where(np.isnan(held) & several, [cut.since for _, cut in kept], held)
     if wrong := sorted(set(columns.get("branch", np.array([""])).tolist()) - {"", *BRANCHES}):
@@ -511,7 +485,8 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
         name: column for name, column in columns.items()
         if name not in ("force", "deflection") and (name in (*HEAD, *TAIL) or FURTHER.match(name))
     }  # fmt: skip
-    columns |= {"trial": np.array([group for group, _ in kept]), "step": np.zeros(n, np.int64)} | of_state
+    columns |= {"trial": np.array([group for group, _ in kept]), "step": np.zeros(n, np.int64)}
+    columns |= {str(name): mean.to_numpy() for name, mean in of_state.items()}
     columns["repeat"] = np.nan_to_num(columns.get("repeat", np.zeros(n))).astype(np.int64)
     if "clipped" in columns:
         columns["clipped"] = np.where(np.nan_to_num(columns["clipped"]) != 0, 1.0, np.nan)
@@ -540,9 +515,8 @@ def _numbered(
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
     repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
     again, highest = [], states.pressures.max(axis=1)
-    of_trials = np.split(np.argsort(trial, kind="stable"), np.cumsum(np.bincount(trial))[:-1])
-    for k, kind in enumerate(_kinds(states, trial, gap)):
-        of_trial = of_trials[k]
+    of_trials = rows_by(trial)
+    for k, (of_trial, kind) in enumerate(zip(of_trials, _kinds(states, trial, gap), strict=True)):
         earlier = repeats_of_kind.setdefault(kind, [])
         stated = Counter(repeat[of_trial][repeat[of_trial] != 0].tolist())
         usual = stated.most_common(1)[0][0] if stated else 1 + len(earlier)

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -56,13 +56,16 @@ END_OF_HEADER = "***End_of_Header***"
 
 
 @dataclass(frozen=True)
-class Record:
+class Line:
     """A line, or several where a cell in quotation marks holds line breaks."""
 
-    line: int
+    number: int
+    """In the file."""
     text: str
     comment: bool
     """Begins with #, % or //, which `text` does not hold."""
+    cells: Sequence[str] = ()
+    """Of one above the numbers."""
 
 
 def read_text(path: Path, source: Source) -> Series:
@@ -79,7 +82,7 @@ def read_text(path: Path, source: Source) -> Series:
     return _read_table(path, records, source, text.endswith("\n"))
 
 
-def _read_table(path: Path, records: list[Record], source: Source, whole: bool) -> Series:
+def _read_table(path: Path, records: list[Line], source: Source, whole: bool) -> Series:
     """Read one table of a file; `whole`: its last line cannot be cut off. Raises ConfigError."""
     import pandas as pd
 
@@ -90,10 +93,11 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     data, first = _data_rows(path, frame, parsed.notna().to_numpy(), records, source, separator)
     if data[-1] and not whole and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
         data[-1] = False
-    above = [Line(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])]
+    bare = ([" ".join(cell.split()).strip('"').strip() for cell in frame.iloc[i]] for i in range(first))
+    above = [replace(line, cells=cells) for line, cells in zip(records, bare, strict=False)]
     head = head_of(path, above, frame.shape[1], source)
     _demand_one_table(path, frame, records, data, first, head)
-    lines = np.array([r.line for r, is_data in zip(records, data, strict=True) if is_data], np.int64)
+    lines = np.array([r.number for r, is_data in zip(records, data, strict=True) if is_data], np.int64)
     columns = _columns(frame[data], parsed[data], head, source, separator)
     columns |= _times_of_frames(columns, records[:first])
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
@@ -107,11 +111,11 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
 
 
 # ------------------------------------------------------------------ tables below each other
-def _tables(records: list[Record]) -> Iterator[list[Record]]:
+def _tables(records: list[Line]) -> Iterator[list[Line]]:
     """Split lines into tables: another begins behind an empty line below numbers, with other headings and two rows of numbers."""
     begin = 0
     for i in range(1, len(records)):
-        if records[i].line == records[i - 1].line + 1 or not _is_data(records[i - 1]) or _is_data(records[i]):
+        if records[i].number == records[i - 1].number + 1 or not _is_data(records[i - 1]) or _is_data(records[i]):
             continue
         first = next((k for k in range(i, len(records)) if _is_data(records[k])), len(records))
         heads = [r.text.strip() for r in records[i:first] if sum(not looks_like_value(c) for c in _any_cells(r.text)) > 1]
@@ -126,14 +130,14 @@ def _any_cells(text: str) -> list[str]:
     return [c for c in (cell.strip().strip('"') for cell in re.split(r"[;,\t|]|\s{2,}", text)) if c]
 
 
-def _is_data(record: Record) -> bool:
+def _is_data(record: Line) -> bool:
     """Whether a line holds numbers, at least two, more than anything else."""
     cells = _any_cells(record.text)
     values = sum(map(looks_like_value, cells))
     return not record.comment and values > 1 and values > len(cells) / 2
 
 
-def _times_of_frames(found: Mapping[str, Judged], above: Sequence[Record]) -> dict[str, Judged]:
+def _times_of_frames(found: Mapping[str, Judged], above: Sequence[Line]) -> dict[str, Judged]:
     """Times of frames divided into samples, where a line above holds the samples a second alone, as Vicon Nexus writes it."""
     frame, sample = (next((found[n] for n in found if n.casefold() == name), None) for name in ("frame", "sub frame"))
     rates = [v for r in above if len(cells := _any_cells(r.text)) == 1 and (v := number(cells[0])) is not None and v > 0]
@@ -179,7 +183,7 @@ def _code_page(data: bytes) -> str:
     return found.encoding if found is not None else WESTERN
 
 
-def _records(text: str) -> Iterator[Record]:
+def _records(text: str) -> Iterator[Line]:
     """Lines that hold anything, those of one cell in quotation marks joined."""
     lines = text.split("\n")
     i = 0
@@ -195,10 +199,10 @@ def _records(text: str) -> Iterator[Record]:
         mark = COMMENT.match(line)
         bare = line[mark.end() :] if mark else line
         if bare.strip(" \t,;|\x1a\f"):
-            yield Record(begin + 1, bare, mark is not None)
+            yield Line(begin + 1, bare, mark is not None)
 
 
-def _labview(records: list[Record]) -> tuple[list[Record], int | None]:
+def _labview(records: list[Line]) -> tuple[list[Line], int | None]:
     """Lines of a file of LabVIEW without the headers of its later segments, and the line of its headings; None of others."""
     ends = [i for i, r in enumerate(records) if r.text.startswith(END_OF_HEADER) and i + 1 < len(records)]
     if not ends:
@@ -207,7 +211,7 @@ def _labview(records: list[Record]) -> tuple[list[Record], int | None]:
     segments = [(i, next((e for e in ends if e > i), i)) for i in begins]
     first = segments[0][1] if segments else ends[0]
     dropped = {k for i, end in segments[1:] for k in range(i, end + 2)}
-    return [r for k, r in enumerate(records) if k not in dropped], records[first + 1].line
+    return [r for k, r in enumerate(records) if k not in dropped], records[first + 1].number
 
 
 def _cells(text: str, separator: str) -> list[str]:
@@ -222,7 +226,7 @@ def _cells(text: str, separator: str) -> list[str]:
         return text.replace('"', "").split(separator)
 
 
-def _form(path: Path, records: Sequence[Record], given: str | None, missing: Sequence[str | float]) -> tuple[str, int]:
+def _form(path: Path, records: Sequence[Line], given: str | None, missing: Sequence[str | float]) -> tuple[str, int]:
     """Separator (`given`: as stated) and number of columns that hold most values and fewest words. Raises ConfigError."""
     lines = [r for r in records if not r.comment]
     sample = lines[:SAMPLE] + (lines[-SAMPLE:] if len(lines) > 2 * SAMPLE else [])
@@ -242,14 +246,14 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
     if not best[1]:
         tried = f"not split by {given!r}" if given else "no separator splits the lines into columns of numbers"
         raise ConfigError(
-            f"{path}, line {records[0].line}: {records[0].text.strip()[:40]!r} ..: {tried}; "
+            f"{path}, line {records[0].number}: {records[0].text.strip()[:40]!r} ..: {tried}; "
             "name the separator (source.separator), or export the data as CSV"
         )
     demand_columns(path, best[2])
     return best[1], best[2]
 
 
-def _split(records: list[Record], separator: str, width: int) -> tuple[pd.DataFrame, list[Record], list[Record]]:
+def _split(records: list[Line], separator: str, width: int) -> tuple[pd.DataFrame, list[Line], list[Line]]:
     """Cells as text (lines, columns), their lines, and lines of data left out, as they have more cells than columns (`width`)."""
     import pandas as pd
 
@@ -279,7 +283,7 @@ def _heading_cells(text: str, width: int) -> list[str]:
 
 # ------------------------------------------------------------------ which lines are data
 def _data_rows(
-    path: Path, frame: pd.DataFrame, number: Mask, records: Sequence[Record], source: Source, separator: str
+    path: Path, frame: pd.DataFrame, number: Mask, records: Sequence[Line], source: Source, separator: str
 ) -> tuple[Mask, int]:
     """(lines,) whether each is data, and the index of the first that is; `number` (lines, columns): cells that are plain numbers.
     Data are lines with about as many numbers as most, or with fewer but no word in a column of numbers; not comments, lines up to
@@ -295,7 +299,7 @@ def _data_rows(
         number[:, k] |= np.array(cells.isin([w for w in rest if looks_like_value(w)]), bool) & ~missing[:, k]
     number[[r.comment for r in records]] = False
     after = source.units or source.heading or 0  # line below which data begin
-    number[[r.line <= after for r in records]] = False
+    number[[r.number <= after for r in records]] = False
     if _counted_headings(frame, number, source):
         number[int(np.argmax(number.any(axis=1)))] = False
     count = number.sum(axis=1)
@@ -354,11 +358,11 @@ def _counted_headings(frame: pd.DataFrame, number: Mask, source: Source) -> bool
     return first in counts and second not in counts
 
 
-def _left_out(path: Path, records: Sequence[Record], width: int, data: Mask, first: int, wide: Sequence[Record]) -> Iterator[str]:
+def _left_out(path: Path, records: Sequence[Line], width: int, data: Mask, first: int, wide: Sequence[Line]) -> Iterator[str]:
     """Notes on lines that look like part of the table and are not read; raises ConfigError where they are many."""
     if len(wide) > 0.1 * int(data.sum()):
         raise ConfigError(
-            f"{path}, line {wide[0].line}: has more than the {width} cells of other lines: "
+            f"{path}, line {wide[0].number}: has more than the {width} cells of other lines: "
             f"{wide[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
             "(source.separator, source.decimal)"
         )
@@ -366,13 +370,13 @@ def _left_out(path: Path, records: Sequence[Record], width: int, data: Mask, fir
     empty = [r for r in skipped if all(map(looks_like_value, _any_cells(r.text)))]
     if empty:
         words = f"{len(empty)} lines" if len(empty) > 1 else "a line"
-        yield f"{words} with values in few of the {width} columns, the first line {empty[0].line}, taken as missing"
+        yield f"{words} with values in few of the {width} columns, the first line {empty[0].number}, taken as missing"
     odd = [(r, "is not a row of numbers") for r in skipped if r not in empty]
     odd += [(r, f"has more than {width} cells") for r in wide]
     for record, why in odd[:MOST_NOTED]:
-        yield f"line {record.line} {why} and is skipped: {record.text.strip()[:40]!r}"
+        yield f"line {record.number} {why} and is skipped: {record.text.strip()[:40]!r}"
     if len(odd) > MOST_NOTED:
-        yield f"{len(odd) - MOST_NOTED} further lines are skipped, the last one line {odd[-1][0].line}"
+        yield f"{len(odd) - MOST_NOTED} further lines are skipped, the last one line {odd[-1][0].number}"
 
 
 def _unit(cell: str) -> str:
@@ -380,7 +384,7 @@ def _unit(cell: str) -> str:
     return (unit_named(cell) or ("", ""))[1]
 
 
-def _demand_one_table(path: Path, frame: pd.DataFrame, records: Sequence[Record], data: Mask, first: int, head: Head) -> None:
+def _demand_one_table(path: Path, frame: pd.DataFrame, records: Sequence[Line], data: Mask, first: int, head: Head) -> None:
     """Raise ConfigError where other headings or units stand among the data: below them the columns are others."""
     unit_of = {n: head.units.get(n) or heading(n).unit for n in head.names}
     last = len(data) - int(np.argmax(data[::-1]))
@@ -396,20 +400,12 @@ def _demand_one_table(path: Path, frame: pd.DataFrame, records: Sequence[Record]
             unlike = (c for c, n in zip(cells, head.names, strict=True) if c and c != n and _unit(c) != unit_of[n])
             other = next(unlike, records[i].text.strip())
             raise ConfigError(
-                f"{path}, line {records[i].line}: says {other[:40]!r} and begins another table than line {records[first].line}; "
-                f"put each table into a separate file and give all of them, or {JOIN}"
+                f"{path}, line {records[i].number}: says {other[:40]!r} and begins another table than line "
+                f"{records[first].number}; put each table into a separate file and give all of them, or {JOIN}"
             )
 
 
 # ------------------------------------------------------------------ what stands above the numbers
-class Line(NamedTuple):
-    """A line above the numbers; its number in the file."""
-
-    number: int
-    cells: list[str]
-    text: str
-
-
 MOST_LINES = 4
 """Of headings."""
 LABELS = ("id", "type", "parent")
@@ -438,7 +434,6 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
 
     Else the units are the last line of units, and headings the lines that name most quantities; other lines may list units or
     state a common one. Raises ConfigError where a named line is not there, or commas are both marks and separators."""
-    above = [Line(n, [re.sub(r"\s+", " ", c).strip().strip('"').strip() for c in cells], text) for n, cells, text in above]
     named = {line.number: line.cells for line in above}
     for key, line in (("heading", source.heading), ("units", source.units)):
         if line and line not in named:
@@ -470,12 +465,12 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     used = {id(line.cells) for line in heads} | {id(units)}
     by_column = {n: u for n, u in zip(names, units or [], strict=False) if u}
     common: dict[str, str] = {}
-    for _, line_cells, text in above:
-        if id(line_cells) not in used and ABOUT_UNITS.search(text):
-            listed = _listed_units(text, width)
+    for other in above:
+        if id(other.cells) not in used and ABOUT_UNITS.search(other.text):
+            listed = _listed_units(other.text, width)
             by_column |= {n: u for n, u in zip(names, listed, strict=False) if n not in by_column}
             if not listed:
-                for si, unit in _units_in(text).items():
+                for si, unit in _units_in(other.text).items():
                     common.setdefault(si, unit)
     return Head(names, frozenset(n for n, c in zip(names, cells, strict=False) if c), by_column, common)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from rich.table import Table as Sheet
 
 from diagnosis.answer.experiments import columns, to_apply
 from diagnosis.answer.headline import sized, stated
-from diagnosis.answer.holdout import described_otherwise
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.answer.sentences import stands_for
 from diagnosis.compare_campaigns import compare_campaigns
@@ -35,7 +34,7 @@ from recordings.table_file import csv_text
 from ..console import Screen, note, out, titled
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units, read_yaml
-from ..files.inputs import Case, marked_notes, read_case, robot_of, unconfirmed_guesses
+from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next
@@ -47,10 +46,6 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: argparse.Namesp
     """Diagnose recordings or a case, as the options `wanted` of the verb say. Raises ConfigError, BadEffect, RecordingError."""
     demand_writable(wanted.json, wanted.report)
     demand_free(wanted.protocols, replace=wanted.replace, inputs=inputs)
-    if wanted.holdout is not None and robot is None:
-        diagnosed_robot = robot_of(inputs)
-        with _of_holdout(wanted.holdout):
-            described_otherwise(diagnosed_robot, robot_of([wanted.holdout]))
     with ExitStack() as open_while_diagnosed:
         pool_for = open_while_diagnosed.enter_context(for_case(wanted.workers if wanted.scheduler is None else 1))
         case = read_case(inputs, robot)
@@ -81,10 +76,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: argparse.Namesp
 def _answer(case: Case, robot: Path | None, wanted: argparse.Namespace, executor: Executor) -> Diagnosis:
     """Diagnose a case and, if an earlier campaign is given, what has changed since. Raises ConfigError."""
     weighed, left_out = catalogue(case.robot, wanted.effects)
-    held = None
-    if wanted.holdout is not None:
-        with _of_holdout(wanted.holdout):
-            held = read_case([wanted.holdout], robot)
+    held = _held_out(wanted.holdout, robot) if wanted.holdout is not None else None
     baseline = _baseline(case, wanted, weighed)
     try:
         with Screen("weighing hypotheses") as screen:
@@ -138,12 +130,10 @@ def _baseline(case: Case, wanted: argparse.Namespace, weighed: Mapping[str, Effe
     return predicted
 
 
-@contextmanager
-def _of_holdout(path: Path) -> Iterator[None]:
-    """Name the option in what is wrong with the campaign held out."""
+def _held_out(path: Path, robot: Path | None) -> Case:
     try:
-        yield
-    except (BadHoldout, ConfigError, RecordingError, OSError) as e:
+        return read_case([path], robot)
+    except (ConfigError, RecordingError, OSError) as e:
         raise ConfigError(f"--holdout {path}: {e}") from e
 
 

@@ -198,14 +198,6 @@ def test_a_campaign_that_cannot_be_held_out_is_refused_before_anything_is_fitted
     assert len(text.strip().splitlines()) == 1
 
 
-def test_a_held_out_robot_is_compared_before_states_are_read(
-    answered: Answered, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    other = heavier(folder(tmp_path / "other", campaign(AREA, seed=3, repeats=1)))
-    monkeypatch.setattr("lab.verbs.diagnose.read_case", lambda *_: pytest.fail("states are read"))
-    assert "differs from the diagnosed one in tip_mass" in cli("diagnose", answered.case, "--holdout", other, code=2).err
-
-
 @pytest.mark.usefixtures("weighed")
 def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, cli: Cli) -> None:
     file = tmp_path / "own.py"
