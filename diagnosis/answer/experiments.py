@@ -45,6 +45,7 @@ the scale of its robot: 100 g on a body of 40 cm, 2 g on one of 12."""
 # ------------------------------------------------------------------ the menu
 def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
+    trials = s.trials
     main, count, words = np.flatnonzero(s.kind == 0), len(robot.actuators.azimuths_deg), robot.actuators.words
     top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
     chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
@@ -53,9 +54,9 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     limit = robot.max_pressure or float(np.floor(s.highest.max() / grain + 1e-9) * grain)
     pressures_used = np.minimum(s.highest[s.highest > rest + s.pressure_gap], limit)
     pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), limit)).tolist()
-    mass = float(np.median(tip_masses(robot, s.trials)))
+    mass = float(np.median(tip_masses(robot, trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
-    vacuum = float(np.median(s.trials.get("vacuum", default_vacuum)))
+    vacuum = float(np.median(trials.get("vacuum", default_vacuum)))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
@@ -70,27 +71,34 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
 
     mild, every = pressures_used[pressures_used <= MILD * max(pressures)], list(range(1, count + 1))
     lower = _three(mild, s.pressure_gap) if mild.size else [rounded(MILD * p, 2) for p in pressures]
-    offer("unload", "read the unload branch too", unload=True)
-    offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, QUATERNION)
-    offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=lower, chambers=every)
+    if not (s.branch < 0).any():
+        offer("unload", "read the unload branch too", unload=True)
+    if not np.isfinite(trials.orientation).any():
+        offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, QUATERNION)
+    if trials.pressures.min(axis=1).max() <= s.pressure_gap:
+        together = f"{words.inflate} all {words.actuators} together"
+        offer("elongation", together, protocol="elongation", pressures=lower, chambers=every)
     if other_group := _other_chambers(chambers, count, s):
         offer(f"other_{words.actuators}", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
-    offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
-    offer("tip_mass", f"hang about {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
+    if np.ptp(np.round(trials.get("roll_deg", 0.0))) == 0:
+        offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
+    if np.ptp(np.round(trials.get("tip_mass", 0.0), 3)) == 0:
+        offer("tip_mass", f"hang about {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
     offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])
-    offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
+    if not (trials.get("hold") <= 0).any():
+        offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
         lengths_cm = ", ".join(f"{x * 100:g}" for x in between)
         offer("lengths", f"spine lengths in between: {lengths_cm} cm", spine_lengths=between)
-    if robot.spine is not None:
+    vacuums = np.unique(np.round(trials.get("vacuum", 0.0)[trials.spine_length > 0.01] / 10e3))
+    if robot.spine is not None and len(vacuums) <= 2:
         offer("vacuum", "sweep the vacuum", vacuums=[round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)])
     if between := _between(pressures_used, s.pressure_gap):
         offer("pressures", f"{words.pressures} in between", pressures=between)
-    if robot.markers:
+    if robot.markers and not np.isfinite(trials.markers).any():
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offer("markers", "put markers along the body", 20.0, names)
-    recorded = _recorded(s)
-    return [e for e in offered if not recorded.get(e.id, False)]
+    return offered
 
 
 def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
@@ -98,22 +106,6 @@ def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
     shifts = sorted(range(1, count), key=lambda shift: (shift != count // 3, shift))
     shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)
     return next((group for group in shifted if tuple(group) not in s.chambers), [])
-
-
-def _recorded(s: Campaign) -> dict[str, bool]:
-    """Experiments that the campaign already holds."""
-    trials = s.trials
-    vacuum = trials.get("vacuum", 0.0)[trials.spine_length > 0.01]
-    return {
-        "unload": bool((s.branch < 0).any()),
-        "orientation": bool(np.isfinite(trials.orientation).any()),
-        "markers": bool(np.isfinite(trials.markers).any()),
-        "elongation": bool((trials.pressures.min(axis=1) > s.pressure_gap).any()),
-        "roll": len(np.unique(np.round(trials.get("roll_deg", 0.0)))) > 1,
-        "tip_mass": len(np.unique(np.round(trials.get("tip_mass", 0.0), 3))) > 1,
-        "vacuum": len(np.unique(np.round(vacuum / 10e3))) > 2,
-        "rate": bool((trials.get("hold") <= 0).any()),
-    }
 
 
 def _three(values: Array, gap: float) -> list[float]:
