@@ -113,6 +113,11 @@ def _each(read: Callable[[FitParameter], Any], of_effects: bool = False) -> cach
     return cached_property(lambda p: np.array([read(i) for i in p.infos if i.group == "effect" or not of_effects]))
 
 
+def _of_effects(read: Callable[[FitParameters], Array]) -> cached_property[Array]:
+    """A column of `FitParameters`, of the parameters of effects alone."""
+    return cached_property(lambda p: read(p)[p.of_effect])
+
+
 @dataclass(frozen=True)
 class FitParameters:
     """The k parameters of a forward model; each has a normal prior about 0, cut at its bounds."""
@@ -155,25 +160,12 @@ class FitParameters:
         """The effects, once each, in order."""
         return tuple(dict.fromkeys(e for e in self.effects if e))
 
-    @cached_property
-    def scale(self) -> Array:
-        """(p,) plausible scale of the effects' parameters."""
-        return self.sd[self.of_effect]
-
-    @cached_property
-    def low(self) -> Array:
-        """(p,) lower bounds of the effects' parameters, in units of their scale."""
-        return (self.lower / self.sd)[self.of_effect]
-
-    @cached_property
-    def high(self) -> Array:
-        """(p,) upper bounds of the same."""
-        return (self.upper / self.sd)[self.of_effect]
-
-    @cached_property
-    def least_named(self) -> Array:
-        """(p,) least size of a named effect, in units of its parameters' scales."""
-        return np.array(self.least)[self.of_effect]
+    scale = _of_effects(lambda p: p.sd)
+    """(p,) plausible scale of the effects' parameters."""
+    low, high = _of_effects(lambda p: p.lower / p.sd), _of_effects(lambda p: p.upper / p.sd)
+    """(p,) bounds of the effects' parameters, in units of their scale."""
+    least_named = _of_effects(lambda p: np.array(p.least))
+    """(p,) least size of a named effect, in units of its parameters' scales."""
 
     @cached_property
     def law_error(self) -> dict[str, float]:
