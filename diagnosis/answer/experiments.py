@@ -8,12 +8,13 @@ outcomes from what the candidates predict (`rivals`), with a fixed seed.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.actuators import Words
@@ -66,7 +67,8 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
         protocol = {**base, **changed}
-        rig = PER_TRIAL * len(list(_sweeps(protocol))) + sum(x.seconds for x in _states(protocol))  # s
+        planned_states = _states(protocol)
+        rig = float(PER_TRIAL * planned_states["trial"][-1] + planned_states["seconds"].sum())  # s
         offered.append(Proposal(id, do, (), 0.0, round(hands + rig / 60, 1), protocol, hands, channels))
 
     mild, every = pressures_used[pressures_used <= MILD * max(pressures)], list(range(1, count + 1))
@@ -121,52 +123,39 @@ def _between(values: Array, gap: float) -> list[float]:
 
 
 # ------------------------------------------------------------------ its states
-class _PlannedState(NamedTuple):
-    repeat: int
-    vacuum: float
-    spine_length: float
-    pressure: float
-    branch: str
-    hold: float
-    seconds: float
-
-
-def _sweeps(p: Mapping[str, Any]) -> Iterator[tuple[int, float, float]]:
-    return itertools.product(range(1, p["repeats"] + 1), p["vacuums"], p["spine_lengths"])
-
-
-def _states(p: Mapping[str, Any]) -> Iterator[_PlannedState]:
-    """The states in the order in which the protocol visits them."""
+def _states(p: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """The states in the order in which the protocol visits them, column by column, and the seconds that each takes."""
     rest = p.get("rest", 0.0)
     up = [(x, "load") for x in [rest, *p["pressures"]]]
     down = [(x, "unload") for x in [*p["pressures"][-2::-1], rest]] if p["unload"] else []
     # s from the ramp's end to the middle of a settled reading
     holds = {"settled": [3.0], "sweep": [0.0], "hold": p.get("hold_times", [])}[p.get("reading", "settled")]
-    for sweep in _sweeps(p):
+    sweeps, rows = itertools.product(range(1, p["repeats"] + 1), p["vacuums"], p["spine_lengths"]), []
+    for trial, sweep in enumerate(sweeps, 1):
         last_pressure = rest
         for pressure, branch in up + down:
             ramp_time, last_pressure, waited = abs(pressure - last_pressure) / p["rate"], pressure, 0.0
             for hold in holds:
-                yield _PlannedState(*sweep, pressure, branch, hold, ramp_time + max(hold - waited, 0.0) + 1.0)
+                rows.append((trial, *sweep, pressure, branch, hold, ramp_time + max(hold - waited, 0.0) + 1.0))
                 ramp_time, waited = 0.0, hold
+    names = ("trial", "repeat", "vacuum", "spine_length", "pressure", "branch", "hold", "seconds")
+    return dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
 
 
 def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> Columns:
     """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
-    states = list(_states(p))
-    n = len(states)
-    by_field = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
-    trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
+    states = _states(p)
+    n = len(states["trial"])
     out: dict[str, Any] = {
-        "trial": np.array([trial[s[:3]] for s in states]),
+        "trial": states.pop("trial"),
         "protocol": np.array([p["protocol"]] * n),
-        "t": np.cumsum(by_field.pop("seconds")),
+        "t": np.cumsum(states.pop("seconds")),
         "rate": np.full(n, p["rate"]),
         "tip_mass": np.full(n, p["tip_mass"]),
         "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
     }
-    pressure, rest = by_field.pop("pressure"), p.get("rest", 0.0)
-    out |= by_field | {f"p{c}": np.where(c in p["chambers"], pressure, rest) for c in range(1, chambers + 1)}
+    pressure, rest = states.pop("pressure"), p.get("rest", 0.0)
+    out |= states | {f"p{c}": np.where(c in p["chambers"], pressure, rest) for c in range(1, chambers + 1)}
     return out | {name: np.full(n, 1.0 if name == "qw" else 0.0) for name in channels}
 
 
