@@ -378,17 +378,19 @@ class _Problem:
         x[np.arange(len(self.free)), self.free] += self.change
         return x
 
+    def slope(self, beside: Array) -> Array:
+        """(3 n, k) derivatives of tip errors over s by the free parameters, from the errors (k, n, 3) next to x."""
+        return ((beside - self.missed).reshape(len(beside), -1) / self.change[:, None]).T / self.unit
+
     def cost(self, x: Array, missed: Array) -> Array:
         """(v,) what is minimised, at x (v, ..) with errors (v, n, 3)."""
         squared = (missed**2).sum(axis=2) / self.unit**2
         return np.asarray(2 * (np.sqrt(1 + squared) - 1).sum(axis=1) + ((x[:, : len(CALIBRATION)] / self.sd) ** 2).sum(axis=1))
 
     def steps(self, beside: Array) -> Array:
-        """(3, ..) points to try, from the errors (k, n, 3) next to x."""
+        """(3, ..) points to try."""
         weight = np.repeat((1 + (self.missed**2).sum(axis=1) / self.unit**2) ** -0.5, 3)
-        # derivatives (3 n, k) of errors over s
-        slope = ((beside - self.missed).reshape(len(beside), -1) / self.change[:, None]).T / self.unit
-        prior = np.zeros(len(self.x))
+        slope, prior = self.slope(beside), np.zeros(len(self.x))
         prior[: len(CALIBRATION)] = self.sd**-2.0
         curvature = slope.T @ (weight[:, None] * slope) + np.diag(prior[self.free])
         gradient = slope.T @ (weight * self.missed.ravel() / self.unit) + (prior * self.x)[self.free]
