@@ -132,16 +132,12 @@ class FitParameters:
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """(k)"""
-        return tuple(i.name for i in self.infos)
-
-    @cached_property
-    def effects(self) -> tuple[str, ...]:
-        """(k) the catalogue's id each parameter belongs to; empty for calibration and nuisances."""
-        return tuple(i.source if i.group == "effect" else "" for i in self.infos)
-
+    names = cached_property[tuple[str, ...]](lambda p: tuple(i.name for i in p.infos))
+    """(k)"""
+    effects = cached_property[tuple[str, ...]](lambda p: tuple(i.source if i.group == "effect" else "" for i in p.infos))
+    """(k) the catalogue's id each parameter belongs to; empty for calibration and nuisances."""
+    ids = cached_property[tuple[str, ...]](lambda p: tuple(dict.fromkeys(e for e in p.effects if e)))
+    """The effects, once each, in order."""
     lower, upper = _each(lambda i: i.low), _each(lambda i: i.high)
     """(k,)"""
     calibration = _each(lambda i: i.group == "calibration")
@@ -154,12 +150,6 @@ class FitParameters:
     """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
     tolerable = _each(lambda i: i.tolerated, of_effects=True)
     """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
-
-    @cached_property
-    def ids(self) -> tuple[str, ...]:
-        """The effects, once each, in order."""
-        return tuple(dict.fromkeys(e for e in self.effects if e))
-
     scale = _of_effects(lambda p: p.sd)
     """(p,) plausible scale of the effects' parameters."""
     low, high = _of_effects(lambda p: p.lower / p.sd), _of_effects(lambda p: p.upper / p.sd)
