@@ -19,7 +19,6 @@ from model.condition import TIP, States
 from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
-from model.effects.scales import STANDARD
 
 from ..arrays import Array, Ints, Mask, rows_by, scattered
 from ..data.campaign import Campaign, Labels, kinds_of
@@ -174,8 +173,8 @@ def floor_of(
     observed: Array,
     slope: Columns,
     response: Array,
-    known: NoiseComponents | None = None,
-    pace: float = STANDARD.time,
+    known: NoiseComponents | None,
+    pace: float,
 ) -> tuple[NoiseComponents, float, float]:
     """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
     reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction), and
