@@ -156,11 +156,10 @@ class FitParameters:
     """(p,) bounds of the effects' parameters, in units of their scale."""
     least_named = _of_effects(lambda p: np.array(p.least))
     """(p,) least size of a named effect, in units of its parameters' scales."""
-
-    @cached_property
-    def law_error(self) -> dict[str, float]:
-        """By effect, the share of a law's error that it has: less where its law is geometry."""
-        return {i.source: GEOMETRY_LAW_ERROR if i.exact else 1.0 for i in self.infos if i.group == "effect"}
+    law_error = cached_property[dict[str, float]](
+        lambda p: {i.source: GEOMETRY_LAW_ERROR if i.exact else 1.0 for i in p.infos if i.group == "effect"}
+    )
+    """By effect, the share of a law's error that it has: less where its law is geometry."""
 
     @cached_property
     def members(self) -> Array:
