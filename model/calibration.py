@@ -94,10 +94,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
     >>> round(fit_area_factor(robot, states, tips).factor.value, 3)
     1.1
     """
-    n = len(condition)
-    measured = readings(n, tip=tip)["tip"]
-    if measured.shape != (n, 3):
-        raise BadCondition(f"tip: shape {measured.shape}, must be ({n}, 3)")
+    measured = readings(len(condition), AXES, tip=tip)["tip"]
     if not np.any(condition.pressure):
         raise NotIdentified("pressure: all zero, the tips say nothing about the area factor")
 
@@ -124,7 +121,7 @@ def fit_area_factor_by_length(
     robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None
 ) -> dict[float, AreaFit]:
     """The paper's calibration: a factor of its own for each spine length (m). Raises as `fit_area_factor`."""
-    measured = readings(len(condition), tip=tip)["tip"]
+    measured = readings(len(condition), AXES, tip=tip)["tip"]
     trials = None if trial is None else np.asarray(trial)
     return {
         length: fit_area_factor(robot, condition[rows], measured[rows], None if trials is None else trials[rows])

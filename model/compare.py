@@ -64,10 +64,7 @@ class ErrorTable:
 def error_table(condition: States, measured: ArrayLike, predicted: ArrayLike, length: float) -> ErrorTable:
     """Compare tips (n, 3) m in the base frame; `length` of the robot in m. Raises `BadCondition` on shapes and NaN."""
     n = len(condition)
-    tips = readings(n, measured=measured, predicted=predicted)
-    for name, values in tips.items():
-        if values.shape != (n, 3):
-            raise BadCondition(f"{name}: shape {values.shape}, must be ({n}, 3)")
+    tips = readings(n, 3, measured=measured, predicted=predicted)
     if n == 0:
         raise BadCondition("measured: no states to compare")
     residual = tips["measured"] - tips["predicted"]

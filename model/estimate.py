@@ -69,13 +69,14 @@ def estimate(
     return Estimate(value, float(np.sqrt(variance / information)), n - fitted, n, rms)
 
 
-def readings(n: int, **columns: ArrayLike) -> dict[str, Array]:
-    """The columns as finite float arrays whose first axis is n; raises `BadCondition` naming a column that is not."""
+def readings(n: int, width: int | None = None, **columns: ArrayLike) -> dict[str, Array]:
+    """The columns as finite float arrays (n, ..), or (n, width); raises `BadCondition` naming a column that is not."""
     checked = {}
     for name, column in columns.items():
         values = np.asarray(column, float)
-        if values.ndim == 0 or len(values) != n:
-            raise BadCondition(f"{name}: shape {values.shape}, must have {n} rows")
+        if values.shape[:1] != (n,) or (width is not None and values.shape != (n, width)):
+            wanted = f"have {n} rows" if width is None else f"be ({n}, {width})"
+            raise BadCondition(f"{name}: shape {values.shape}, must {wanted}")
         if not np.isfinite(values).all():
             row = int(np.argwhere(~np.isfinite(values))[0][0])
             raise BadCondition(f"{name}: row {row} is not finite: drop the rows that were not measured")

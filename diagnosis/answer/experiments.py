@@ -8,12 +8,13 @@ outcomes from what the candidates predict (`rivals`), with a fixed seed.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.actuators import Words
@@ -45,6 +46,7 @@ the scale of its robot: 100 g on a body of 40 cm, 2 g on one of 12."""
 # ------------------------------------------------------------------ the menu
 def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
+    trials = s.trials
     main, count, words = np.flatnonzero(s.kind == 0), len(robot.actuators.azimuths_deg), robot.actuators.words
     top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
     chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
@@ -53,9 +55,9 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     limit = robot.max_pressure or float(np.floor(s.highest.max() / grain + 1e-9) * grain)
     pressures_used = np.minimum(s.highest[s.highest > rest + s.pressure_gap], limit)
     pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), limit)).tolist()
-    mass = float(np.median(tip_masses(robot, s.trials)))
+    mass = float(np.median(tip_masses(robot, trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
-    vacuum = float(np.median(s.trials.get("vacuum", default_vacuum)))
+    vacuum = float(np.median(trials.get("vacuum", default_vacuum)))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
@@ -65,32 +67,40 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
         protocol = {**base, **changed}
-        rig = PER_TRIAL * len(list(_sweeps(protocol))) + sum(x.seconds for x in _states(protocol))  # s
+        planned_states = _states(protocol)
+        rig = float(PER_TRIAL * planned_states["trial"][-1] + planned_states["seconds"].sum())  # s
         offered.append(Proposal(id, do, (), 0.0, round(hands + rig / 60, 1), protocol, hands, channels))
 
     mild, every = pressures_used[pressures_used <= MILD * max(pressures)], list(range(1, count + 1))
     lower = _three(mild, s.pressure_gap) if mild.size else [rounded(MILD * p, 2) for p in pressures]
-    offer("unload", "read the unload branch too", unload=True)
-    offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, QUATERNION)
-    offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=lower, chambers=every)
+    if not (s.branch < 0).any():
+        offer("unload", "read the unload branch too", unload=True)
+    if not np.isfinite(trials.orientation).any():
+        offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, QUATERNION)
+    if trials.pressures.min(axis=1).max() <= s.pressure_gap:
+        together = f"{words.inflate} all {words.actuators} together"
+        offer("elongation", together, protocol="elongation", pressures=lower, chambers=every)
     if other_group := _other_chambers(chambers, count, s):
         offer(f"other_{words.actuators}", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
-    offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
-    offer("tip_mass", f"hang about {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
+    if np.ptp(np.round(trials.get("roll_deg", 0.0))) == 0:
+        offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
+    if np.ptp(np.round(trials.get("tip_mass", 0.0), 3)) == 0:
+        offer("tip_mass", f"hang about {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
     offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])
-    offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
+    if not (trials.get("hold") <= 0).any():
+        offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
         lengths_cm = ", ".join(f"{x * 100:g}" for x in between)
         offer("lengths", f"spine lengths in between: {lengths_cm} cm", spine_lengths=between)
-    if robot.spine is not None:
+    vacuums = np.unique(np.round(trials.get("vacuum", 0.0)[trials.spine_length > 0.01] / 10e3))
+    if robot.spine is not None and len(vacuums) <= 2:
         offer("vacuum", "sweep the vacuum", vacuums=[round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)])
     if between := _between(pressures_used, s.pressure_gap):
         offer("pressures", f"{words.pressures} in between", pressures=between)
-    if robot.markers:
+    if robot.markers and not np.isfinite(trials.markers).any():
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offer("markers", "put markers along the body", 20.0, names)
-    recorded = _recorded(s)
-    return [e for e in offered if not recorded.get(e.id, False)]
+    return offered
 
 
 def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
@@ -98,22 +108,6 @@ def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
     shifts = sorted(range(1, count), key=lambda shift: (shift != count // 3, shift))
     shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)
     return next((group for group in shifted if tuple(group) not in s.chambers), [])
-
-
-def _recorded(s: Campaign) -> dict[str, bool]:
-    """Experiments that the campaign already holds."""
-    trials = s.trials
-    vacuum = trials.get("vacuum", 0.0)[trials.spine_length > 0.01]
-    return {
-        "unload": bool((s.branch < 0).any()),
-        "orientation": bool(np.isfinite(trials.orientation).any()),
-        "markers": bool(np.isfinite(trials.markers).any()),
-        "elongation": bool((trials.pressures.min(axis=1) > s.pressure_gap).any()),
-        "roll": len(np.unique(np.round(trials.get("roll_deg", 0.0)))) > 1,
-        "tip_mass": len(np.unique(np.round(trials.get("tip_mass", 0.0), 3))) > 1,
-        "vacuum": len(np.unique(np.round(vacuum / 10e3))) > 2,
-        "rate": bool((trials.get("hold") <= 0).any()),
-    }
 
 
 def _three(values: Array, gap: float) -> list[float]:
@@ -129,52 +123,39 @@ def _between(values: Array, gap: float) -> list[float]:
 
 
 # ------------------------------------------------------------------ its states
-class _PlannedState(NamedTuple):
-    repeat: int
-    vacuum: float
-    spine_length: float
-    pressure: float
-    branch: str
-    hold: float
-    seconds: float
-
-
-def _sweeps(p: Mapping[str, Any]) -> Iterator[tuple[int, float, float]]:
-    return itertools.product(range(1, p["repeats"] + 1), p["vacuums"], p["spine_lengths"])
-
-
-def _states(p: Mapping[str, Any]) -> Iterator[_PlannedState]:
-    """The states in the order in which the protocol visits them."""
+def _states(p: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """The states in the order in which the protocol visits them, column by column, and the seconds that each takes."""
     rest = p.get("rest", 0.0)
     up = [(x, "load") for x in [rest, *p["pressures"]]]
     down = [(x, "unload") for x in [*p["pressures"][-2::-1], rest]] if p["unload"] else []
     # s from the ramp's end to the middle of a settled reading
     holds = {"settled": [3.0], "sweep": [0.0], "hold": p.get("hold_times", [])}[p.get("reading", "settled")]
-    for sweep in _sweeps(p):
+    sweeps, rows = itertools.product(range(1, p["repeats"] + 1), p["vacuums"], p["spine_lengths"]), []
+    for trial, sweep in enumerate(sweeps, 1):
         last_pressure = rest
         for pressure, branch in up + down:
             ramp_time, last_pressure, waited = abs(pressure - last_pressure) / p["rate"], pressure, 0.0
             for hold in holds:
-                yield _PlannedState(*sweep, pressure, branch, hold, ramp_time + max(hold - waited, 0.0) + 1.0)
+                rows.append((trial, *sweep, pressure, branch, hold, ramp_time + max(hold - waited, 0.0) + 1.0))
                 ramp_time, waited = 0.0, hold
+    names = ("trial", "repeat", "vacuum", "spine_length", "pressure", "branch", "hold", "seconds")
+    return dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
 
 
 def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> Columns:
     """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
-    states = list(_states(p))
-    n = len(states)
-    by_field = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
-    trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
+    states = _states(p)
+    n = len(states["trial"])
     out: dict[str, Any] = {
-        "trial": np.array([trial[s[:3]] for s in states]),
+        "trial": states.pop("trial"),
         "protocol": np.array([p["protocol"]] * n),
-        "t": np.cumsum(by_field.pop("seconds")),
+        "t": np.cumsum(states.pop("seconds")),
         "rate": np.full(n, p["rate"]),
         "tip_mass": np.full(n, p["tip_mass"]),
         "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
     }
-    pressure, rest = by_field.pop("pressure"), p.get("rest", 0.0)
-    out |= by_field | {f"p{c}": np.where(c in p["chambers"], pressure, rest) for c in range(1, chambers + 1)}
+    pressure, rest = states.pop("pressure"), p.get("rest", 0.0)
+    out |= states | {f"p{c}": np.where(c in p["chambers"], pressure, rest) for c in range(1, chambers + 1)}
     return out | {name: np.full(n, 1.0 if name == "qw" else 0.0) for name in channels}
 
 

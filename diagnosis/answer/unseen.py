@@ -45,12 +45,15 @@ from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 class Missed(NamedTuple):
     """Errors (m) of the states as one model predicts them, NaN where nothing was measured or predicted."""
 
-    distance: Array
-    """(states,) length of `vector`."""
     vector: Array
     """(states, 3) measured minus predicted where the gap is looked for, see `Prepared.gap`."""
     deflection: Array
     """(states,) magnitude, of stiffness trials; NaN elsewhere."""
+
+    @property
+    def distance(self) -> Array:
+        """(states,) length of `vector`."""
+        return np.asarray(np.linalg.norm(self.vector, axis=1))
 
 
 Errors = tuple[Missed, Missed] | None
@@ -96,12 +99,7 @@ class HeldOut:
     def errors(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Missed]]:
         """Start all refits; the function that is returned waits for them and returns the errors of each model."""
         p, residuals = self._p, self._parts.residuals(models, step)
-
-        def missed(residual: Array) -> Missed:
-            vector = p.gap(residual)
-            return Missed(np.asarray(np.linalg.norm(vector, axis=1)), vector, np.abs(p.deflection(residual)))
-
-        return lambda: [missed(residual) for residual in residuals()]
+        return lambda: [Missed(p.gap(residual), np.abs(p.deflection(residual))) for residual in residuals()]
 
 
 def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:

@@ -14,14 +14,14 @@ from .. import judgement
 from ..arrays import Array, Ints, Mask, scattered
 from ..criticism.stage_errors import gains_of
 from ..errors import BadCase
-from ..inference.discrepancy import SmoothErrors
+from ..inference.discrepancy import SmoothErrors, eigenfunctions
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.fit import Fit, fit_alone
 from ..inference.problem import FitParameters, Problem
 from .cause import Parameter
 from .model import Model, Predict
 from .noise import NOISE_FLOOR, NoiseEstimate, blocks, left, of_repeats
-from .table import Table, repeats, rows_in_words, scaled, smooth_functions
+from .table import FUNCTIONS, Table, repeats, rows_in_words, scaled
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
@@ -91,7 +91,7 @@ class Built:
         change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
         change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
         places = {"time": self.table.time(), "the state": scaled(np.hstack([state, change]), judgement.CORRELATION_PRESSURE)}
-        return {name: smooth_functions(place)[self.row] for name, place in places.items()}
+        return {name: eigenfunctions(place, FUNCTIONS)[self.row] for name, place in places.items()}
 
     def with_noise(self, estimate: NoiseEstimate) -> Built:
         """The same with other noise."""
@@ -299,7 +299,7 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
         share[i] = 0.0
         if own.sum() > 4 * slope.shape[1]:
             most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
-            columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
+            columns = np.hstack([slope[own], *(f[own, ::-1][:, :most] for f in functions.values())])
             row = b.row[own]
             sd[i], share[i], memory[i], floor[i] = left(block[row], place[row], missed[own], columns)
     least = NOISE_FLOOR * b.table.spread
@@ -334,7 +334,7 @@ def _with_discrepancy(b: Built) -> Built:
     """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
     problem, p = b.problem, b.problem.parameters
     gap = b.rms(problem.observed - b.calibrated.predicted)[1:]
-    draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
+    draws = (b.table.functions if b.by_row else eigenfunctions(b.table.time(), FUNCTIONS))[b.row]
     white = b.response.T / b.sd[b.output][:, None]
     left = p.beyond_calibration(white * p.sd, white)
     carried = np.sqrt((left**2).mean(axis=0))

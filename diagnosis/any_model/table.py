@@ -11,10 +11,11 @@ import pandas as pd
 
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
+from ..inference.discrepancy import eigenfunctions
 from ..judgement import CORRELATION_PRESSURE, CORRELATION_TIME
 
-LANDMARKS, FUNCTIONS, SMALLEST_SHARE = 400, 24, 2e-3
-"""Most places from which smooth functions are made, most functions, and least variance of one as a share of the largest."""
+FUNCTIONS = 24
+"""Most smooth functions."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Table:
         """(n, m) smooth functions of the numeric inputs."""
         numbers = self.inputs.drop(columns=list(self.ignored)).select_dtypes("number").to_numpy(float)
         numbers = numbers[:, np.ptp(numbers, axis=0) > 0] if len(numbers) else numbers
-        return smooth_functions(scaled(numbers, CORRELATION_PRESSURE))
+        return eigenfunctions(scaled(numbers, CORRELATION_PRESSURE), FUNCTIONS)
 
     def time(self) -> Array:
         """(n, 1 + groups) place within the group and the group, in correlation lengths."""
@@ -138,21 +139,3 @@ def scaled(columns: Array, correlation: float) -> Array:
     """(n, d) columns over their range, in correlation lengths, which are longer the more columns there are."""
     least, extent = columns.min(axis=0, initial=np.inf), np.ptp(columns, axis=0) if columns.size else np.ones(columns.shape[1])
     return np.asarray((columns - least) / np.where(extent > 0, extent, 1.0) / (correlation * np.sqrt(max(columns.shape[1], 1))))
-
-
-def smooth_functions(place: Array) -> Array:
-    """(n, m) draws of size 1 of smooth functions over places (n, d) in correlation lengths: leading eigenfunctions of a squared
-    exponential kernel, from at most `LANDMARKS` places (Nystroem)."""
-    if not place.shape[1]:
-        return np.ones((len(place), 1))
-    landmarks = np.unique(np.round(place, 3), axis=0)
-    if len(landmarks) > LANDMARKS:
-        landmarks = landmarks[np.sort(np.random.default_rng(0).choice(len(landmarks), LANDMARKS, replace=False))]
-
-    def kernel(a: Array) -> Array:
-        return np.asarray(np.exp(-0.5 * ((a[:, None, :] - landmarks[None, :, :]) ** 2).sum(axis=-1)))
-
-    value, vector = np.linalg.eigh(kernel(landmarks))
-    leading = np.argsort(-value)[:FUNCTIONS]
-    leading = leading[value[leading] > SMALLEST_SHARE * value.max()]
-    return np.asarray(kernel(place) @ (vector[:, leading] / np.sqrt(value[leading])))

@@ -40,65 +40,32 @@ class Campaign:
         """The states picked by a mask."""
         return Campaign(self.trials.take(rows), self.row[rows], self.condition[rows], self.kind[rows], self.pressure_gap)
 
-    @cached_property
-    def pushed(self) -> Mask:
-        """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
-        return self.trials.pushed
-
-    @cached_property
-    def trial(self) -> Ints:
-        """(n,) number of the trial."""
-        return self.trials.trial
-
-    @cached_property
-    def spine_length(self) -> Array:
-        """(n,) m."""
-        return np.clip(self.trials.spine_length, 0.0, None)
-
-    @cached_property
-    def pressure(self) -> Array:
-        """(n, chambers) Pa gauge; 0 for pushes."""
-        return np.where(self.pushed[:, None], 0.0, self.trials.pressures)
-
-    @cached_property
-    def branch(self) -> Array:
-        """(n,) 1 load, -1 unload."""
-        return np.where(self.trials.get("branch") == "unload", -1.0, 1.0)
-
-    @cached_property
-    def time(self) -> Array:
-        """(n,) s; NaN where not recorded."""
-        return self.trials.get("t")
-
-    @cached_property
-    def tip(self) -> Array:
-        """(n, 3) m, base frame; NaN for pushes."""
-        return np.where(self.pushed[:, None], np.nan, self.trials.tip)
-
-    @cached_property
-    def roll(self) -> Array:
-        """(n,) rad, by which the body was turned in its mount."""
-        return np.radians(self.trials.get("roll_deg", 0.0))
-
-    @cached_property
-    def main(self) -> Mask:
-        """(n,) states in which the gap is looked for: all with a tip; the pushes where there are no others."""
-        return ~self.pushed if (~self.pushed).any() else self.pushed
-
-    @cached_property
-    def deflection(self) -> Array:
-        """(n,) m; 0 for states of the robot."""
-        return np.where(self.pushed, self.trials.get("deflection", 0.0), 0.0)
-
-    @cached_property
-    def repeat(self) -> Ints:
-        """(n,) number of the repeat of the sweep."""
-        return self.trials.get("repeat").astype(np.int64)
-
-    @cached_property
-    def inflated(self) -> Mask:
-        """(n, chambers) chambers above half the state's highest pressure, and above `pressure_gap`."""
-        return np.asarray((self.pressure > 0.5 * self.highest[:, None]) & (self.pressure > self.pressure_gap))
+    pushed = cached_property[Mask](lambda s: s.trials.pushed)
+    """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
+    trial = cached_property[Ints](lambda s: s.trials.trial)
+    """(n,) number of the trial."""
+    spine_length = cached_property[Array](lambda s: np.clip(s.trials.spine_length, 0.0, None))
+    """(n,) m."""
+    pressure = cached_property[Array](lambda s: np.where(s.pushed[:, None], 0.0, s.trials.pressures))
+    """(n, chambers) Pa gauge; 0 for pushes."""
+    highest = cached_property[Array](lambda s: s.pressure.max(axis=1))
+    """(n,) Pa, pressure of the most inflated chamber."""
+    branch = cached_property[Array](lambda s: np.where(s.trials.get("branch") == "unload", -1.0, 1.0))
+    """(n,) 1 load, -1 unload."""
+    time = cached_property[Array](lambda s: s.trials.get("t"))
+    """(n,) s; NaN where not recorded."""
+    tip = cached_property[Array](lambda s: np.where(s.pushed[:, None], np.nan, s.trials.tip))
+    """(n, 3) m, base frame; NaN for pushes."""
+    roll = cached_property[Array](lambda s: np.radians(s.trials.get("roll_deg", 0.0)))
+    """(n,) rad, by which the body was turned in its mount."""
+    main = cached_property[Mask](lambda s: ~s.pushed if (~s.pushed).any() else s.pushed)
+    """(n,) states in which the gap is looked for: all with a tip; the pushes where there are no others."""
+    deflection = cached_property[Array](lambda s: np.where(s.pushed, s.trials.get("deflection", 0.0), 0.0))
+    """(n,) m; 0 for states of the robot."""
+    repeat = cached_property[Ints](lambda s: s.trials.get("repeat").astype(np.int64))
+    """(n,) number of the repeat of the sweep."""
+    inflated = cached_property[Mask](lambda s: (s.pressure > 0.5 * s.highest[:, None]) & (s.pressure > s.pressure_gap))
+    """(n, chambers) chambers above half the state's highest pressure, and above `pressure_gap`."""
 
     @cached_property
     def chambers(self) -> tuple[tuple[int, ...], ...]:
@@ -110,11 +77,6 @@ class Campaign:
             if used.size:
                 out[own] = self.inflated[used[np.minimum(np.searchsorted(used, own), used.size - 1)]]
         return tuple(tuple(int(c) + 1 for c in np.flatnonzero(row)) for row in out)
-
-    @property
-    def highest(self) -> Array:
-        """(n,) Pa, pressure of the most inflated chamber."""
-        return np.asarray(self.pressure.max(axis=1))
 
     @property
     def repeats(self) -> int:

@@ -29,8 +29,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg import cho_factor, cho_solve, cholesky, eigh
+from scipy.linalg.lapack import dpotri
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
@@ -346,13 +346,10 @@ class _Part:
 
 
 def _inverse(matrix: Array) -> tuple[Array, float]:
-    """Inverse of a positive definite matrix, which is overwritten, and half its log determinant."""
-    factor, failed = dpotrf(matrix.T, lower=1, overwrite_a=1)
-    if failed:
-        raise np.linalg.LinAlgError("the covariance of the contrasts is not positive definite")
-    log_det = float(np.log(np.diag(factor)).sum())
-    lower = np.tril(dpotri(factor, lower=1, overwrite_c=1)[0])
-    return lower + np.tril(lower, -1).T, log_det
+    """Inverse of a positive definite matrix, and half its log determinant."""
+    factor = cholesky(matrix, lower=True, check_finite=False)
+    lower = dpotri(factor, lower=1)[0]
+    return lower + np.tril(lower, -1).T, float(np.log(np.diag(factor)).sum())
 
 
 def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import combinations, permutations
+from itertools import permutations
 
 import numpy as np
 
@@ -84,14 +84,14 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
         f"{tips.place(worst)}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
         f"{robot.length:g} m long ({far.sum()} of {len(tips)} states)"
     )
-    units = units_near(float(np.median(distance)) / robot.length, METRES, 1.6)
+    times = float(np.median(distance)) / robot.length
+    units = units_near(times, METRES, 1.6)
     if not units:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
         if apart > 2 * robot.length and 6 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
-            times = float(np.median(distance)) / robot.length
-            pairs = (f"{a} read as {b}" for a, b in permutations(METRES, 2) if 1 / 1.6 < times * METRES[a] / METRES[b] < 1.6)
-            looks = "".join(f" and {times:.3g} times its length from the base, as {pair} do" for pair in list(pairs)[:1])
+            pairs = [" read as ".join(pair) for pair in pairs_near(1 / times, METRES, 1.6)]
+            looks = "".join(f" and {times:.3g} times its length from the base, as {pair} do" for pair in pairs[:1])
             wrong = f"{head}: tips lie up to {apart:.3g} m apart{looks}: check unit and `scale` of columns x, y, z first"
             return wrong, tips.take(np.arange(0))
         return f"{head}: {_exchanged(robot, tips) or CHECK_FRAME}", tips
@@ -105,12 +105,10 @@ def _exchanged(robot: Robot, tips: Table) -> str:
     mapped = tips.mapped
     if mapped is None or mapped.base is None or mapped.straight != "as recorded":
         return ""
-    recorded, base = tips.tip @ mapped.axes + mapped.base, np.array(mapped.base)
-    for a, b in combinations(range(3), 2):
-        exchanged = recorded.copy()
-        exchanged[:, [a, b]] = recorded[:, [b, a]]
-        if (np.linalg.norm(exchanged - base, axis=1) <= FARTHEST * robot.length).all():
-            both = f"columns {'xyz'[a]} and {'xyz'[b]}"
+    recorded = tips.tip @ mapped.axes + mapped.base
+    for a, b, order in (("x", "y", [1, 0, 2]), ("x", "z", [2, 1, 0]), ("y", "z", [0, 2, 1])):
+        if (np.linalg.norm(recorded[:, order] - mapped.base, axis=1) <= FARTHEST * robot.length).all():
+            both = f"columns {a} and {b}"
             return f"{both} are exchanged: exchange the headings of both, but not their `zero`, and all tips are within reach"
     return ""
 
@@ -209,9 +207,9 @@ def require_plausible_pushes(robot: Robot, pushes: Table) -> None:
 def differ_by(factor: float, words: Words) -> str:
     """Name in brackets the units that differ from that of pressures or tensions by about a factor, nearest first; "" for none."""
     sizes = NEWTONS if words.unit in NEWTONS else PASCALS
-    ratios = {unit: max(size / sizes[words.unit], sizes[words.unit] / size) for unit, size in sizes.items() if unit != words.unit}
-    near = units_near(max(factor, 1 / factor), {unit: 1 / ratio for unit, ratio in ratios.items()}, SAME_RATIO)
-    found = ", ".join(f"{unit} and {words.unit} differ by {ratios[unit]:.4g}" for unit in near)
+    near = (pair for pair in pairs_near(max(factor, 1 / factor), sizes, SAME_RATIO) if words.unit in pair)
+    ratios = {a if b == words.unit else b: sizes[a] / sizes[b] for a, b in near}
+    found = ", ".join(f"{unit} and {words.unit} differ by {ratio:.4g}" for unit, ratio in ratios.items())
     return f" ({found})" if found else ""
 
 
@@ -227,10 +225,15 @@ def misread(robot: Robot, mapped: Mapped | None) -> dict[float, list[str]]:
     return {ratio: [n for n in names if known or n.endswith("read as Pa")] or names for ratio, names in out.items()}
 
 
+def pairs_near(factor: float, sizes: Mapping[str, float], within: float) -> list[tuple[str, str]]:
+    """Pairs of units, the first a `factor` times as large as the second, within another factor, the nearest first."""
+    away = {(a, b): abs(math.log(sizes[a] / sizes[b] / factor)) for a, b in permutations(sizes, 2)}
+    return sorted((pair for pair in away if away[pair] < math.log(within)), key=away.__getitem__)
+
+
 def units_near(ratio: float, sizes: Mapping[str, float], within: float) -> list[str]:
     """All units but that of SI that explain a ratio of numbers found to numbers expected within a factor, the nearest first."""
-    distance = {unit: abs(math.log(ratio * size)) if ratio > 0 else math.inf for unit, size in sizes.items() if size != 1.0}
-    return sorted((unit for unit in distance if distance[unit] < math.log(within)), key=distance.__getitem__)
+    return [unit for unit, read_as in pairs_near(1 / ratio, sizes, within) if sizes[read_as] == 1.0]
 
 
 def in_si(size: float) -> str:

@@ -23,7 +23,7 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
-from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, USUAL_PRESSURE, misread
+from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USUAL_PRESSURE, misread, pairs_near
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
@@ -333,7 +333,7 @@ def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: A
     factor, sizes = float(np.exp(own[0])), NEWTONS if robot.chambers is None else PASCALS
     if 1 / judgement.EDIT_USUAL_GAIN < factor < judgement.EDIT_USUAL_GAIN:
         return []
-    alike = [units for units in permutations(sizes, 2) if abs(np.log(sizes[units[0]] / sizes[units[1]] / factor)) < np.log(1.25)]
+    alike = pairs_near(factor, sizes, SAME_RATIO)
     looks = " or ".join(map(" read as ".join, alike)) or "another unit"
     heading = remedies.heading(f"p{k + 1}", mapped)
     remedy = remedies.of_columns([f"p{k + 1}"], alike[0][0] if len(alike) == 1 else "", mapped)

@@ -17,7 +17,7 @@ each draw that names all of the answer counts for it, whatever else it names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -100,10 +100,8 @@ class Budget:
         share = np.where(self.tolerant, 1.0, self.law_error[effect])
         laws = np.exp(np.outer(share * self.form_error, DEVIATES))
         carried = (self.metres[:, self.effects.index(effect), None] * laws).ravel()
-        order = np.argsort(carried)
-        below = np.cumsum(np.repeat(self.weight, DEVIATES.size)[order])
-        at = np.searchsorted(below / below[-1], quantiles).clip(0, len(order) - 1)
-        return tuple(float(v) for v in carried[order][at])
+        weight = np.repeat(self.weight, DEVIATES.size)
+        return tuple(np.quantile(carried, quantiles, weights=weight, method="inverted_cdf").tolist())
 
 
 @dataclass(frozen=True)
@@ -257,26 +255,21 @@ def _squares(problem: Problem, where: Sequence[BudgetPart], fit: Fit) -> list[Pr
     responses = {} if fit.form_error is None else dict(fit.form_error.responses)
     slope, theta = problem.slope(fit.derivatives(problem)), fit.theta[p.of_effect]
     of_effects, slots = slope.take(p.of_effect).whole, {e: np.flatnonzero(p.mask((e,))) for e in p.ids}
+    changes = {e: responses.get(e, of_effects[:, i] @ theta[i]) for e, i in slots.items()}
+
+    def changed() -> list[Array]:
+        return after_calibration(problem, where, slope, np.column_stack(list(changes.values())))
+
+    least = [part.states * (LEAST_NAMED_FLOORS * part.floor) ** 2 for part in where]
+    large = np.any([(x**2).sum(axis=0) > squares for x, squares in zip(changed(), least, strict=True)], axis=0)
+    for effect in (e for e, one in zip(p.ids, large, strict=True) if one and e not in responses):
+        # Even a soft stop holds the tip: its effect is not its slope times its size.
+        response = problem.response(fit.theta, fit.predicted, effect)
+        if np.isfinite(response).all():
+            changes[effect] = response
+    products: list[Products] = []
     sized = after_calibration(problem, where, slope, of_effects * p.scale)
-    products: list[Products] = [{} for _ in where]
-
-    def fill(changes: Mapping[str, Array]) -> None:
-        changed = after_calibration(problem, where, slope, np.column_stack(list(changes.values())))
-        for squares, part, by_size, by_effect in zip(products, where, sized, changed, strict=True):
-            for effect, change in zip(changes, by_effect.T, strict=True):
-                x = np.column_stack([by_size[:, slots[effect]], change])
-                squares[effect] = x.T @ x / part.states
-
-    fill({e: responses.get(e, of_effects[:, i] @ theta[i]) for e, i in slots.items()})
-    asked_anew = dict[str, Array]()
-    for effect in p.ids:
-        if effect not in responses and any(
-            m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, where, strict=True)
-        ):
-            # Even a soft stop holds the tip: its effect is not its slope times its size.
-            response = problem.response(fit.theta, fit.predicted, effect)
-            if np.isfinite(response).all():
-                asked_anew[effect] = response
-    if asked_anew:
-        fill(asked_anew)
+    for part, by_size, by_effect in zip(where, sized, changed(), strict=True):
+        of = {e: np.column_stack([by_size[:, slots[e]], change]) for e, change in zip(changes, by_effect.T, strict=True)}
+        products.append({e: x.T @ x / part.states for e, x in of.items()})
     return products

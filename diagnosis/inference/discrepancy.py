@@ -11,13 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from ..arrays import Array, Ints, Mask
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
 
 DECIMALS, MOST_PLACES = 3, 1000
-"""Share of a correlation length to which places are rounded, doubled until at most this many places remain: the work grows
-with their cube, and within a tenth of a correlation length the process hardly changes."""
+"""Decimals of a correlation length to which places are rounded, and places from which the process is made, as the work grows with
+their cube."""
+SMALLEST_SHARE = 2e-3
+"""Least variance of an eigenfunction, as a share of the largest."""
 
 
 def settings(
@@ -94,16 +97,14 @@ def smooth_errors(
     return SmoothErrors(eigenfunctions(where[0])[state], number, len(names), size[number] * where[1][state])
 
 
-def eigenfunctions(place: Array) -> Array:
-    """(n, m) leading eigenfunctions of the kernel at places (n, d) in correlation lengths; coefficients of unit variance draw a
-    process of size 1."""
-    grain = 10.0**-DECIMALS
+def eigenfunctions(place: Array, most: int | None = None) -> Array:
+    """(n, m) leading eigenfunctions of the kernel at places (n, d) in correlation lengths, the last the largest, at most this
+    many; coefficients of unit variance draw a process of size 1. Of more places than `MOST_PLACES` by Nystroem's method."""
     distinct, index = np.unique(np.round(place, DECIMALS), axis=0, return_inverse=True)
-    while len(distinct) > MOST_PLACES:
-        grain *= 2
-        distinct, index = np.unique(np.round(place / grain), axis=0, return_inverse=True)
-        distinct *= grain
-    squared = ((distinct[:, None, :] - distinct[None, :, :]) ** 2).sum(axis=-1)
-    value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
-    kept = value > 2e-3 * value.max()
-    return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
+    some = distinct
+    if len(distinct) > MOST_PLACES:
+        some = distinct[np.sort(np.random.default_rng(0).choice(len(distinct), MOST_PLACES, replace=False))]
+    value, vector = np.linalg.eigh(np.exp(-0.5 * cdist(some, some, "sqeuclidean")))
+    kept = np.flatnonzero(value > SMALLEST_SHARE * value.max())[-(most or len(value)) :]
+    across = np.exp(-0.5 * cdist(distinct, some, "sqeuclidean"))
+    return np.asarray((across @ (vector[:, kept] / np.sqrt(value[kept])))[index.reshape(-1)])

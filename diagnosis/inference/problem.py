@@ -113,6 +113,11 @@ def _each(read: Callable[[FitParameter], Any], of_effects: bool = False) -> cach
     return cached_property(lambda p: np.array([read(i) for i in p.infos if i.group == "effect" or not of_effects]))
 
 
+def _of_effects(read: Callable[[FitParameters], Array]) -> cached_property[Array]:
+    """A column of `FitParameters`, of the parameters of effects alone."""
+    return cached_property(lambda p: read(p)[p.of_effect])
+
+
 @dataclass(frozen=True)
 class FitParameters:
     """The k parameters of a forward model; each has a normal prior about 0, cut at its bounds."""
@@ -127,16 +132,12 @@ class FitParameters:
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """(k)"""
-        return tuple(i.name for i in self.infos)
-
-    @cached_property
-    def effects(self) -> tuple[str, ...]:
-        """(k) the catalogue's id each parameter belongs to; empty for calibration and nuisances."""
-        return tuple(i.source if i.group == "effect" else "" for i in self.infos)
-
+    names = cached_property[tuple[str, ...]](lambda p: tuple(i.name for i in p.infos))
+    """(k)"""
+    effects = cached_property[tuple[str, ...]](lambda p: tuple(i.source if i.group == "effect" else "" for i in p.infos))
+    """(k) the catalogue's id each parameter belongs to; empty for calibration and nuisances."""
+    ids = cached_property[tuple[str, ...]](lambda p: tuple(dict.fromkeys(e for e in p.effects if e)))
+    """The effects, once each, in order."""
     lower, upper = _each(lambda i: i.low), _each(lambda i: i.high)
     """(k,)"""
     calibration = _each(lambda i: i.group == "calibration")
@@ -149,36 +150,16 @@ class FitParameters:
     """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
     tolerable = _each(lambda i: i.tolerated, of_effects=True)
     """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
-
-    @cached_property
-    def ids(self) -> tuple[str, ...]:
-        """The effects, once each, in order."""
-        return tuple(dict.fromkeys(e for e in self.effects if e))
-
-    @cached_property
-    def scale(self) -> Array:
-        """(p,) plausible scale of the effects' parameters."""
-        return self.sd[self.of_effect]
-
-    @cached_property
-    def low(self) -> Array:
-        """(p,) lower bounds of the effects' parameters, in units of their scale."""
-        return (self.lower / self.sd)[self.of_effect]
-
-    @cached_property
-    def high(self) -> Array:
-        """(p,) upper bounds of the same."""
-        return (self.upper / self.sd)[self.of_effect]
-
-    @cached_property
-    def least_named(self) -> Array:
-        """(p,) least size of a named effect, in units of its parameters' scales."""
-        return np.array(self.least)[self.of_effect]
-
-    @cached_property
-    def law_error(self) -> dict[str, float]:
-        """By effect, the share of a law's error that it has: less where its law is geometry."""
-        return {i.source: GEOMETRY_LAW_ERROR if i.exact else 1.0 for i in self.infos if i.group == "effect"}
+    scale = _of_effects(lambda p: p.sd)
+    """(p,) plausible scale of the effects' parameters."""
+    low, high = _of_effects(lambda p: p.lower / p.sd), _of_effects(lambda p: p.upper / p.sd)
+    """(p,) bounds of the effects' parameters, in units of their scale."""
+    least_named = _of_effects(lambda p: np.array(p.least))
+    """(p,) least size of a named effect, in units of its parameters' scales."""
+    law_error = cached_property[dict[str, float]](
+        lambda p: {i.source: GEOMETRY_LAW_ERROR if i.exact else 1.0 for i in p.infos if i.group == "effect"}
+    )
+    """By effect, the share of a law's error that it has: less where its law is geometry."""
 
     @cached_property
     def members(self) -> Array:

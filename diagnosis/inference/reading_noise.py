@@ -19,7 +19,6 @@ from model.condition import TIP, States
 from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
-from model.effects.scales import STANDARD
 
 from ..arrays import Array, Ints, Mask, rows_by, scattered
 from ..data.campaign import Campaign, Labels, kinds_of
@@ -122,17 +121,16 @@ def stiffness_trials(
 
 def noise_of(states: Campaign, labels: Labels, noise: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
     """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
-    block = _blocks(states)[labels.state]
-    white, lasting = _of_channels(noise, labels.kind, labels.channel, block, states.time[labels.state])
-    white *= np.where(resting(states), noise.rest, 1.0)[labels.state]
-    by_pressure = noise.pressure * response
+    state = labels.state
+    made = _of_channels(noise, state, labels.kind, labels.channel, _blocks(states)[state], states.time[state], response)
+    white, by_pressure = made.sd * np.where(resting(states), noise.rest, 1.0)[state], made.pressure_response
     if pushes is not None:
         own = labels.kind == 3
         white[own] = pushes.noise_components.channel["force"]
         # The error of the deflection takes the place of the pressure's, in the first column.
         by_pressure[own] = 0.0
-        by_pressure[own, 0] = pushes.noise_components.pressure * pushes.stiffness[labels.state[own]]
-    return Noise(labels.state, white, by_pressure, lasting)
+        by_pressure[own, 0] = pushes.noise_components.pressure * pushes.stiffness[state[own]]
+    return replace(made, sd=white)
 
 
 def noise_to_come(noise: NoiseComponents, observed: Observations, design: States, response: Array) -> Noise:
@@ -142,29 +140,24 @@ def noise_to_come(noise: NoiseComponents, observed: Observations, design: States
     """
     row, channel = observed.row, observed.channel.astype(np.str_)
     block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
-    white, lasting = _of_channels(noise, kinds_of(channel), channel, block, design.t[row])
-    return Noise(row, white, noise.pressure * response, lasting)
+    return _of_channels(noise, row, kinds_of(channel), channel, block, design.t[row], response)
 
 
 def _of_channels(
-    noise: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
-) -> tuple[Array, Lasting]:
-    """Sd (n,) of each value's independent error, and the lasting errors; `kind` (n,): index in `KINDS`."""
+    noise: NoiseComponents, state: Ints, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array, response: Array
+) -> Noise:
+    """Noise of values (n,) of states that are all read alike; `kind` (n,): index in `KINDS`, `response` (n, r) as it is given."""
 
     def of_kind(by_name: Mapping[str, float], default: float) -> Array:
         return np.array([by_name.get(k, default) for k in KINDS])[kind]
 
-    sd = of_kind(noise.channel, 1.0)
-    if not noise.lasting:
-        return sd, Lasting.none(len(sd))
+    sd, ones, lasting = of_kind(noise.channel, 1.0), np.ones(len(kind)), Lasting.none(len(kind))
     share = np.where(block < 0, 0.0, of_kind(noise.lasting, 0.0))
-    lasting_sd = of_kind(noise.channel, 0.0) * np.sqrt(share)
-    _, channel_number = np.unique(channel, return_inverse=True)
-    ones = np.ones(len(sd))
-    lasting = Lasting(
-        block, time, channel_number, lasting_sd, pressure=noise.lasting[PRESSURE] * ones, memory=noise.memory * ones
-    )
-    return sd * np.sqrt(1 - share), lasting
+    if noise.lasting:
+        lasting_sd = of_kind(noise.channel, 0.0) * np.sqrt(share)
+        number = np.unique(channel, return_inverse=True)[1]
+        lasting = Lasting(block, time, number, lasting_sd, noise.lasting[PRESSURE] * ones, noise.memory * ones)
+    return Noise(state, sd * np.sqrt(1 - share), noise.pressure * response, lasting)
 
 
 def _blocks(states: Campaign) -> Ints:
@@ -180,8 +173,8 @@ def floor_of(
     observed: Array,
     slope: Columns,
     response: Array,
-    known: NoiseComponents | None = None,
-    pace: float = STANDARD.time,
+    known: NoiseComponents | None,
+    pace: float,
 ) -> tuple[NoiseComponents, float, float]:
     """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
     reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction), and
