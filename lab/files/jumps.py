@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from diagnosis.arrays import rows_by
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of, finite
-from diagnosis.data.levels import MASS_GAP, REST, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
+from diagnosis.data.levels import FORCE_GAP, MASS_GAP, REST, ROLL_GAP, SPINE_GAP, VACUUM_GAP, distinct, levels
 from diagnosis.data.plausible import FARTHEST
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -196,8 +197,8 @@ def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
     zero, a spine longer than the robot, or a mass `SLIPPED` times the others in a part of a trial; and what to say of each. None
     where more than `FEW` of all states are so: a question of the unit."""
     words, most, few, others = robot.actuators.words, robot.max_pressure, int(FEW * len(states)), "the highest of the others"
-    highest, lowest, spine = states.pressures.max(axis=1), states.pressures.min(axis=1), states.spine_length
-    mass, pressure, pascal = states.get("tip_mass", 0.0), (words.pressure, words.unit), words.pascal
+    pressures, spine, mass = map(np.nan_to_num, (states.pressures, states.spine_length, states.get("tip_mass", 0.0)))
+    highest, lowest, pressure, pascal = pressures.max(axis=1), pressures.min(axis=1), (words.pressure, words.unit), words.pascal
     top, load = (float(np.sort(values)[-1 - few]) for values in (highest, mass))
     top, load = top if top > REST else np.inf, load or np.inf  # where nearly all have none, nothing stands out
     above, limit = (SLIPPED * top, others) if most is None else (ABOVE * max(top, most), f"max_{words.pressure}")
@@ -234,9 +235,12 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
 
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
-    """Places (state, body) far from the median of their state's repeats, by `TIMES_SCATTER` times what is usual and by `STRAY`
-    lengths (m), and those out of reach; and what to say of each; of two repeats, both. None where more than `FEW` of all states
-    are so: the readings of that table are like that."""
+    """Places (state, body) far from those in all other states at the same pressures and loads, however these were reached, by
+    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), and those out of reach; and what to say of each; of two
+    states, both. None where more than `FEW` of all states are so: the readings of that table are like that."""
+    pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
+    forces = (levels(along_axis, FORCE_GAP) for along_axis in own.trials.tip_force.T)
+    setting = distinct(loads(own.trials), *pressures, *forces)
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
         reach = np.linalg.norm(place, axis=1)
         off, seen = np.full(len(own), np.nan), np.flatnonzero(reach <= FARTHEST * length)
@@ -244,11 +248,10 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
         for i in lost.tolist() if len(lost) <= FEW * len(own) else ():
             away = f"{reach[i]:.3g} m from the base, farther than a body of {length:g} m reaches: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
-        for repeats in (seen[rows] for rows in rows_by(own.condition[seen]) if rows.size > 1):
-            middle = np.median(place[repeats], axis=0) if repeats.size > 2 else place[repeats[::-1]]  # of two, the other one
-            off[repeats] = np.linalg.norm(place[repeats] - middle, axis=1)
+        for repeats in (seen[rows] for rows in rows_by(setting[seen]) if rows.size > 1):
+            off[repeats] = KDTree(place[repeats]).query(place[repeats], k=2)[0][:, 1]
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
         far = np.flatnonzero(off > max(TIMES_SCATTER * usual, STRAY * length))
         for i in far.tolist() if len(far) <= FEW * len(own) else ():
-            away = f"{1e3 * off[i]:.1f} mm from its repeats, usually {1e3 * usual:.2g} mm: left out"
+            away = f"{1e3 * off[i]:.1f} mm from all its repeats, usually {1e3 * usual:.2g} mm: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"

@@ -32,7 +32,7 @@ from recordings.table_file import checked
 from recordings.trials import AXES, HEAD, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
-from ..files.jumps import Jump, at_rest, jumps, loads, without
+from ..files.jumps import Jump, at_rest, jumps, loads, slips, without
 from ..files.map_file import Map, Name, named, units_for
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
@@ -233,9 +233,13 @@ def conclude(
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own_cuts)))
     states = Table.stacked(parts)
-    found = list(jumps(states, float(straight[2]), robot.actuators.words))
     files = [(series.path.name, series.place, q.row) for series, q, _ in every]
     places = [f"{name}, {place(int(row_of[row]))}" for (name, place, row_of), row in ((files[file], row) for file, row in rows)]
+    slipped = dict(slips(states, robot))
+    notes += (f"{places[state]}: {text}" for state, text in slipped.items())
+    states, whole_numbers = without([(state, 0) for state in slipped], states)
+    rows, places = list(compress(rows, whole_numbers)), list(compress(places, whole_numbers))
+    found = list(jumps(states, float(straight[2]), robot.actuators.words))
     notes += _jump_notes(found, places)
     contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
     states, kept_states = without(contradicted, states)

@@ -168,7 +168,7 @@ def test_a_place_far_from_its_repeats_is_left_out_and_places_that_scatter_are_no
     x, noise = ("x", "m1x")[body], np.random.default_rng(1).normal(0.0, 3e-4, (3, STATES))
     repeated = Table.joined([replace(table, warnings=()).replaced({x: table[x] + own}) for own in noise])
     bad = repeated.replaced({x: repeated[x] + 0.012 * (np.arange(3 * STATES) == 2 * STATES + 8)})
-    with pytest.warns(match=f"trial .* step .*: {('the tip', 'marker 1')[body]} is 1[12][.]. mm from its repeats") as said:
+    with pytest.warns(match=f"trial .* step .*: {('the tip', 'marker 1')[body]} is 1[12][.]. mm from all its repeats") as said:
         kept = lab.case(bad.to_pandas(), ROBOT).table
     assert len(said) == 1 and len(kept) == 3 * STATES - (body == 0) and np.isnan(kept.markers).sum() == 3 * (body == 1)
     lost = repeated.replaced({x: np.where(np.arange(3 * STATES) == 7, -1.6, repeated[x])}).to_pandas()
