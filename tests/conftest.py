@@ -31,21 +31,17 @@ would inherit; and a run that was stopped leaves signals ignored, since its prog
 
 REAL, RODS, ANSWERED = "real", "rods", "one diagnosis"
 GROUPS = {
-    "test_cluster.py": REAL,
-    "test_contract.py": REAL,
-    "test_fault_matrix.py": REAL,
-    "test_pages.py": REAL,
-    "test_ur5.py": REAL,
-    "test_ur5_faults.py": REAL,
-    "test_ur5_state.py": REAL,
-    "diagnosis": RODS,
-    "model": RODS,
-    "test_blind_bench.py": RODS,
-    "test_paper.py": RODS,
-    "test_diagnose_verb.py": ANSWERED,
-    "test_diagnosis_page.py": ANSWERED,
-    "test_export.py": ANSWERED,
-    "test_same_numbers.py": ANSWERED,
+    REAL: (
+        "test_cluster.py",
+        "test_contract.py",
+        "test_fault_matrix.py",
+        "test_pages.py",
+        "test_ur5.py",
+        "test_ur5_faults.py",
+        "test_ur5_state.py",
+    ),
+    RODS: ("diagnosis", "model", "test_blind_bench.py", "test_paper.py"),
+    ANSWERED: ("test_diagnose_verb.py", "test_diagnosis_page.py", "test_export.py", "test_same_numbers.py"),
 }
 """By folder or file: what is real waits for the computer, most of what solves rods compiles the same kernels, and `ANSWERED`
 shares one diagnosis. Any other file is a group of its own."""
@@ -66,7 +62,7 @@ def group(nodeid: str) -> str:
     path = place.removeprefix("tests/").split("/")
     if name.partition("[")[0] in real_ones(place):
         return REAL
-    return GROUPS.get(path[-1], GROUPS.get(path[0], "/".join(path)))
+    return next((name for name, places in GROUPS.items() if {path[0], path[-1]} & {*places}), "/".join(path))
 
 
 @functools.cache

@@ -210,10 +210,9 @@ class _Check:
         if self.data_end is None:
             self.problem(record.start, "no record marks the end of the data")
         start, offsets, crc = _FOOTER.unpack_from(self.data, record.body)
+        first = self.summary[0] if self.summary else record.start
         # 0: the part is left out
-        if start not in ({self.summary[0], 0} if self.summary else {0, record.start}) or not (
-            offsets in (0, record.start) or offsets in self.summary
-        ):
+        if start not in (0, first) or (offsets not in (0, record.start) and offsets not in self.summary):
             self.problem(record.start, "the footer points to a summary that does not begin there")
             return
         begin = start or offsets or record.start

@@ -106,10 +106,8 @@ def _demand_places(streams: Streams, state: State, span: Span) -> None:
     bodies = state.bodies
     if bodies is None:
         return
-    reason = too_far(places_of(tracked(streams.window("/tip", span.t0, span.t1))), bodies) or jumped(
-        tracked(streams.window("/tip", bodies.begin(span.t1), span.t1))
-    )
-    if reason:
+    reason = too_far(places_of(tracked(streams.window("/tip", span.t0, span.t1))), bodies)
+    if reason := reason or jumped(tracked(streams.window("/tip", bodies.begin(span.t1), span.t1))):
         raise Misplaced(
             f"{reason}; the cameras may have taken one body for another, or the base frame is not where mocap_to_base says"
         )

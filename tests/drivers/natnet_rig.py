@@ -10,7 +10,7 @@ from drivers.interfaces import BodySample
 from drivers.natnet.driver import Config, NatNetMocap
 from sim_fakes.motive import MotiveFake
 from sim_fakes.ur.process import free_host
-from tests.simulated.bench import Bench, wait_until
+from tests.simulated.bench import Bench, answered, wait_until
 
 
 class Motive:
@@ -45,7 +45,7 @@ class Motive:
     def seen(self, **changes: Any) -> NatNetMocap:
         """The same, with a first valid sample."""
         mocap = self.opened(**changes)
-        first(mocap)
+        answered(mocap.latest)
         return mocap
 
     def frames(self, count: int) -> None:
@@ -72,18 +72,3 @@ def refused(mocap: NatNetMocap, kind: type[InstrumentError], text: str = "") -> 
         return False
 
     wait_until(so)
-
-
-def first(mocap: NatNetMocap) -> BodySample:
-    """The next valid sample."""
-    found: list[BodySample] = []
-
-    def look() -> bool:
-        try:
-            found.append(mocap.latest())
-        except InstrumentError:
-            return False
-        return True
-
-    wait_until(look)
-    return found[0]

@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import psutil
 import pytest
-from natnet_rig import Motive, first, refused
+from natnet_rig import Motive, refused
 
 import timing
 from drivers.errors import DeviceFault, StaleReading, Unreachable, WrongDevice
@@ -20,7 +20,7 @@ from drivers.natnet.packets import SERVERINFO, Unreadable, definitions, frame, m
 from sim_fakes.motive import Mode, MotiveFake
 from sim_fakes.plant import Plant
 from sim_fakes.ur.process import free_host
-from tests.simulated.bench import Bench, raises, wait_until
+from tests.simulated.bench import Bench, answered, raises, wait_until
 from timing import RigClock
 
 
@@ -37,7 +37,7 @@ VERSIONS = ((2, 6), (2, 7), (2, 10), (3, 0), (3, 1), (4, 0), (4, 1), (4, 2))
 
 @pytest.mark.parametrize("motive", [{"version": version} for version in VERSIONS], indirect=True)
 def test_the_pose_arrives_in_the_base_frame_for_any_bitstream(motive: Motive) -> None:
-    sample, plant = first(motive.opened(markers=("M1", "M3"))), motive.plant
+    sample, plant = answered(motive.opened(markers=("M1", "M3")).latest), motive.plant
     assert sample.valid
     assert sample.position == pytest.approx(plant.tip_position, abs=1e-6)
     assert matrix_from_quaternion(sample.orientation) == pytest.approx(plant.tip_rotation, abs=1e-6)
@@ -51,9 +51,9 @@ TILTED = ((0.3, -1.1, 0.7), (0.5, 0.5, -0.5, 0.5))
 @pytest.mark.parametrize("motive", [{"mocap_to_base": TILTED}], indirect=True)
 def test_the_frame_of_the_cameras_is_a_matter_of_calibration(motive: Motive) -> None:
     motive.plant.tip_position = np.array([0.1, 0.2, 0.3])
-    assert first(motive.opened()).position == pytest.approx((0.1, 0.2, 0.3), abs=1e-6)
+    assert answered(motive.opened().latest).position == pytest.approx((0.1, 0.2, 0.3), abs=1e-6)
     seen = matrix_from_quaternion(TILTED[1]).T @ (np.array([0.1, 0.2, 0.3]) - np.array(TILTED[0]))
-    assert first(motive.opened(mocap_to_base=IDENTITY)).position == pytest.approx(seen, abs=1e-6)
+    assert answered(motive.opened(mocap_to_base=IDENTITY).latest).position == pytest.approx(seen, abs=1e-6)
 
 
 # -- what cannot be used
@@ -67,7 +67,7 @@ def test_a_hidden_tip_is_delivered_as_invalid_and_latest_refuses(motive: Motive)
     refused(mocap, DeviceFault, "has not been tracked for")
     plant.tip_visible = True
     wait_until(lambda: motive.samples[-1].valid)
-    assert first(mocap).position == pytest.approx(seen + 0.1, abs=1e-6)
+    assert answered(mocap.latest).position == pytest.approx(seen + 0.1, abs=1e-6)
 
 
 def test_a_body_never_tracked_is_told_apart_from_a_silent_server(motive: Motive) -> None:
@@ -99,7 +99,7 @@ def test_bodies_at_one_place_are_none_of_them(motive: Motive) -> None:
 def test_a_marker_that_is_not_tracked_has_no_place(motive: Motive) -> None:
     motive.plant.markers = motive.plant.markers[:1]
     timing.sleep(0.05)
-    seen, hidden = first(motive.opened(markers=("M1", "M2"))).markers
+    seen, hidden = answered(motive.opened(markers=("M1", "M2")).latest).markers
     assert seen == pytest.approx(motive.plant.markers[0], abs=1e-6)
     assert all(math.isnan(part) for part in hidden)
 
@@ -123,7 +123,7 @@ def test_a_damaged_frame_is_dropped_and_counted_and_the_stream_goes_on(motive: M
     wait_until(lambda: mocap.lost >= 4)
     motive.frames(3)
     assert mocap.lost <= damaged + 1
-    assert first(mocap).valid
+    assert answered(mocap.latest).valid
 
 
 # -- who answers
@@ -192,7 +192,7 @@ def test_the_sockets_are_bound_to_the_given_interface_alone(motive: Motive) -> N
 def test_close_ends_the_threads(motive: Motive) -> None:
     mocap, threads = motive.made(), threading.active_count()
     mocap.open()
-    first(mocap)
+    answered(mocap.latest)
     mocap.close()
     assert threading.active_count() == threads
 
@@ -211,7 +211,7 @@ def test_a_pose_that_was_old_when_it_was_sent_is_stale(motive: Motive) -> None:
     motive.extra["behind"] = 3.0
     refused(mocap, DeviceFault, r"3.00 s old when Motive sent it")
     del motive.extra["behind"]
-    assert first(mocap).valid
+    assert answered(mocap.latest).valid
 
 
 # -- a disturbed stream
@@ -256,7 +256,7 @@ def test_a_client_that_the_server_has_forgotten_connects_again(motive: Motive) -
     wait_until(lambda: "forget" not in motive.extra)
     motive.frames(20)
     wait_until(lambda: motive.samples[-1].valid)
-    first(mocap)
+    answered(mocap.latest)
     demand_each_once(motive.samples)
 
 
@@ -272,7 +272,7 @@ def test_a_server_that_is_started_again_is_found_again(motive: Motive, version: 
         body.number = 40 - k
     motive.bench.started(again)
     wait_until(lambda: motive.samples[-1].valid and motive.samples[-1].frame < before)
-    found = first(mocap)
+    found = answered(mocap.latest)
     assert found.position == pytest.approx(plant.tip_position, abs=1e-6)
     assert found.markers[1] == pytest.approx(plant.markers[1], abs=1e-6)
     assert mocap.lost == lost
@@ -284,7 +284,7 @@ def test_a_take_that_motive_plays_is_not_the_present(motive: Motive) -> None:
     assert not motive.invalid().valid
     refused(mocap, DeviceFault, "set Motive to Live")
     motive.fake.mode = Mode.RECORDING
-    assert first(mocap).valid
+    assert answered(mocap.latest).valid
 
 
 def test_another_bitstream_set_in_motive_is_followed(motive: Motive) -> None:
@@ -292,7 +292,7 @@ def test_another_bitstream_set_in_motive_is_followed(motive: Motive) -> None:
     for version in ((4, 2), (3, 0), (2, 9), (4, 1)):
         fake.version, begun = version, fake.frame
         wait_until(lambda begun=begun: bool(samples) and samples[-1].frame > begun + 20 and samples[-1].valid)  # type: ignore[misc]
-        assert first(mocap).valid
+        assert answered(mocap.latest).valid
     for sample in samples:
         assert not sample.valid or sample.position == pytest.approx(motive.plant.tip_position, abs=1e-6)
 
@@ -319,7 +319,7 @@ def test_a_body_that_is_gone_from_motive_is_named_and_may_come_back(motive: Moti
         motive.extra["changed"] = True
     refused(mocap, DeviceFault, "no rigid body 'Tip'; the nearest name is 'Tip2'")
     tip.name = "Tip"
-    assert first(mocap).valid
+    assert answered(mocap.latest).valid
 
 
 @pytest.mark.parametrize(
@@ -348,12 +348,12 @@ SKELETON = b"Ada\0" + struct.pack("<ii", 1, 1) + b"Hip\0" + struct.pack("<ii3fi"
 @pytest.mark.parametrize("motive", [{"version": (3, 1)}, {"version": (4, 0)}, {"version": (4, 1)}], indirect=True)
 def test_other_assets_are_passed_over(motive: Motive) -> None:
     motive.fake.other_definitions += [(0, SET), (2, SKELETON), (3, PLATE), (4, DEVICE), (5, CAMERA)]
-    assert first(motive.opened()).valid and not motive.told
+    assert answered(motive.opened().latest).valid and not motive.told
 
 
 def test_definitions_that_cannot_be_read_are_named_and_do_not_hide_the_others(motive: Motive) -> None:
     motive.fake.other_definitions += [(1, b"name without an end"), (77, b"?"), (3, PLATE[:40])]
-    assert first(motive.opened()).valid
+    assert answered(motive.opened().latest).valid
     assert motive.told == ["mocap: rigid body definition at byte 8 cannot be read; it is ignored"]
 
 
@@ -365,7 +365,7 @@ def test_a_definition_that_hides_the_tip_is_named_with_its_byte(motive: Motive) 
 
 @pytest.mark.parametrize("motive", [{"group": "239.255.42.99"}], indirect=True)
 def test_frames_sent_to_a_multicast_group_are_heard(motive: Motive) -> None:
-    assert first(motive.opened(local=motive.fake.host)).valid
+    assert answered(motive.opened(local=motive.fake.host).latest).valid
 
 
 # -- datagrams: what they hold, and that none costs more than its size

@@ -53,10 +53,9 @@ def end() -> Iterator[OtherEnd]:
 
 @pytest.fixture
 def line(end: OtherEnd) -> Iterator[SerialLine]:
-    line = SerialLine("gauge", os.ttyname(end.slave), 19200, timeout=0.1)
-    line.open()
-    yield line
-    line.close()
+    with contextlib.closing(SerialLine("gauge", os.ttyname(end.slave), 19200, timeout=0.1)) as line:
+        line.open()
+        yield line
 
 
 def test_an_answer_comes_without_its_terminator_and_what_follows_stays(end: OtherEnd, line: SerialLine) -> None:
@@ -141,17 +140,15 @@ class Adapters:
 
 @pytest.fixture
 def adapters(tmp_path: Path) -> Iterator[Adapters]:
-    adapters = Adapters(tmp_path / "by-id")
-    yield adapters
-    adapters.close()
+    with contextlib.closing(Adapters(tmp_path / "by-id")) as adapters:
+        yield adapters
 
 
 @pytest.fixture
 def by_id(adapters: Adapters) -> Iterator[SerialLine]:
-    line = SerialLine("gauge", str(adapters.link), 19200, timeout=5.0)
-    line.open()
-    yield line
-    line.close()
+    with contextlib.closing(SerialLine("gauge", str(adapters.link), 19200, timeout=5.0)) as line:
+        line.open()
+        yield line
 
 
 def test_a_lost_line_is_closed_says_so_until_it_is_opened_and_opens_what_is_behind_the_same_path(

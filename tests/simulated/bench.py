@@ -102,3 +102,4 @@ def answered(call: Callable[[], Any], within: float = 30.0) -> Any:
             return call()
         except InstrumentError:
             assert timing.now() < deadline
+            timing.sleep(0.005)
