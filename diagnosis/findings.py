@@ -55,9 +55,9 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "drift": (
             "from the first to the last of {trials} trials{hours} the robot at rest drifts by {mm:.1f} mm: {points}; {what}. "
             "Until this is settled no cause is certain, as calibration may absorb it. Fix cameras and base, let the robot warm "
-            "up, and read the robot at rest in each trial. If all points move together, subtract from each trial, in columns x, y, "
-            "z and those of markers, how far its rest differs from that of the first (one `zero` in map.yaml for all trials does "
-            "not remove a drift), and diagnose again"
+            "up, and read the robot at rest in each trial. If all points move together, subtract from each trial, in columns x, "
+            "y, z and those of markers, how far its rest differs from that of the first (one `zero` in map.yaml for all trials "
+            "does not remove a drift), and diagnose again"
         ),
         "stiffness_far_off": (
             "the fit needs a body {stiffness:.2g} times as stiff as robot.yaml's, or {pressures} {pressure_ratio:.2g} times as "

@@ -235,7 +235,7 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
 
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
-    """Places (state, body) far from those in all other states at the same pressures and loads, however these were reached, by
+    """Places (state, body) far from those in all states of other trials at the same pressures and loads, however reached, by
     `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), and those out of reach; and what to say of each; of two
     states, both. None where more than `FEW` of all states are so: the readings of that table are like that."""
     pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
@@ -249,7 +249,12 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
             away = f"{reach[i]:.3g} m from the base, farther than a body of {length:g} m reaches: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
         for repeats in (seen[rows] for rows in rows_by(setting[seen]) if rows.size > 1):
-            off[repeats] = KDTree(place[repeats]).query(place[repeats], k=2)[0][:, 1]
+            trial = own.trial[repeats]
+            most = int(np.unique(trial, return_counts=True)[1].max())
+            several = most < len(repeats)  # what lasts for a trial is no mistake in one of its states
+            distance, other = KDTree(place[repeats]).query(place[repeats], k=most + 1 if several else 2)
+            own_trial = trial[other] == trial[:, None] if several else other == np.arange(len(repeats))[:, None]
+            off[repeats] = np.where(own_trial, np.inf, distance).min(axis=1)
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
         far = np.flatnonzero(off > max(TIMES_SCATTER * usual, STRAY * length))
         for i in far.tolist() if len(far) <= FEW * len(own) else ():
