@@ -174,7 +174,7 @@ def prepare(
     sd, turn = _prior_sd(forward.parameters, floor, pushes), f"{OBSTACLE}.turn"
     if robot.obstacle_azimuth_deg is None and turn in made.names and OBSTACLE not in robot.effects:
         left, at = made.beyond_calibration(missed[:, None], slope)[:, 0], made.names.index(turn)
-        sd[at] = _face_obstacle(forward, labels, observed[kept], left, float(sd[at]))
+        sd[at] = _face_obstacle(forward, states, labels, observed[kept], left, float(sd[at]))
     problem = Problem(
         MaskedForward(whole, kept),
         replace(made, sd=sd, least=least_sizes(made, labels, slope, known_floor)),
@@ -198,9 +198,10 @@ def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpe
     return placed, {**catalogue, FRAME: replace(catalogue[FRAME], parameters=turned)}
 
 
-def _face_obstacle(forward: ForwardModel, labels: Labels, observed: Array, left: Array, turn: float) -> float:
+def _face_obstacle(forward: ForwardModel, states: Campaign, labels: Labels, observed: Array, left: Array, turn: float) -> float:
     """Turn the model to the likeliest side of an obstacle that robot.yaml does not place; return how far from there it may stand
-    (rad, at least `turn`): the circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|, of tips p.
+    (rad, at least `turn`): the circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|, of how
+    far tips p lie from those at rest.
 
     On that side tips get less far, by what calibration leaves (`left` (n,)), in proportion to how much farther they would get
     than half as far as any.
@@ -208,6 +209,8 @@ def _face_obstacle(forward: ForwardModel, labels: Labels, observed: Array, left:
     tip, turns, (x, y) = labels.kind == 0, np.arange(-6.0, 6.0) * (np.pi / 6), forward.plane_direction.tolist()
     where, shape = (labels.state[tip], labels.axis[tip]), (int(labels.state.max()) + 1, 3)
     short, reached = (np.nan_to_num(scattered(shape, where, values[tip])[:, :2]) for values in (-left, observed - left))
+    rest = (states.highest <= states.pressure_gap)[: len(reached)]
+    reached -= reached[rest].mean(axis=0) if rest.any() else 0.0  # else a body that sags seems to move one way
     together = np.linalg.norm(reached.sum(axis=0)) / max(float(np.linalg.norm(reached, axis=1).sum()), TINY)
     spread = max(turn, min(float(np.sqrt(-2 * np.log(np.clip(together, TINY, 1.0)))), np.pi))
     sides = np.array([np.cos(turns) * x - np.sin(turns) * y, np.sin(turns) * x + np.cos(turns) * y])
