@@ -176,9 +176,9 @@ def test_a_place_far_from_its_repeats_is_left_out_and_places_that_scatter_are_no
         assert len(lab.case(lost, ROBOT).table) == 3 * STATES - (body == 0)
     assert len(said) == 1  # and nothing of its neighbours
     bent = np.arange(3 * STATES) == np.linalg.norm(repeated.tip[:, :2], axis=1).argmax()  # its regulators read 0
-    unread = repeated.replaced({p: np.where(bent, 0.0, repeated[p]) for p in ("p1", "p2", "p3")})
+    unread = {p: np.where(bent, 0.0, repeated[p]) for p in ("p1", "p2", "p3")} | {"branch": np.where(bent, "unload", "load")}
     with pytest.warns(match="the tip is .* mm from all its repeats"):
-        assert len(lab.case(unread.to_pandas(), ROBOT).table) == 3 * STATES - 1
+        assert len(lab.case(repeated.replaced(unread).to_pandas(), ROBOT).table) == 3 * STATES - 1
     slipped = repeated.replaced({x: repeated[x] + 0.02 * (repeated.trial == repeated.trial[-1])})
     assert len(lab.case(slipped.to_pandas(), ROBOT).table) == 3 * STATES
 
