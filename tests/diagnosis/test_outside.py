@@ -33,7 +33,7 @@ from model.robot import Robot, Uncertainty, robot_from_dict
 from recordings.trials import Table, TrialRow
 from tests.diagnosis.small_campaigns import FEW, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case, row, sweep
-from tests.diagnosis.toy import IDS, MM, ROBOT_LENGTH, Array, Grid, toy_problem
+from tests.diagnosis.toy import MM, ROBOT_LENGTH, Array, Grid, toy_problem
 from tests.model.effects.campaigns import Moved
 
 
@@ -206,11 +206,6 @@ def response(problem: Problem, effect: str) -> np.ndarray:
     return derivatives(problem.forward, np.zeros_like(problem.parameters.sd))[1].whole[:, problem.parameters.names.index(effect)]
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
-def test_where_the_model_holds_no_stage_gains(seed: int) -> None:
-    assert found(toy_problem(seed, {"play": 1.0}), ("play",)).gain < 1
-
-
 def test_a_moment_that_turns_with_the_spine_s_length_is_an_error_of_actuation() -> None:
     problem = toy_problem(3, {"play": 1.0})
     outside = 0.5 * response(problem, "turned") * np.repeat(np.sin(2 * np.pi * GRID.length / 0.3), 3)
@@ -246,15 +241,15 @@ def changed(problem: Problem, by: Array) -> Problem:
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
-def test_data_of_the_catalogue_raise_no_diagnostic(seed: int) -> None:
+def test_data_of_the_catalogue_raise_no_diagnostic_and_no_stage_gains(seed: int) -> None:
     problem = toy_problem(seed, {"play": 1.0})
+    assert found(problem, ("play",)).gain < 1
     assert outlier_trial(problem, leading(problem), TRIAL) is None
 
 
 def test_a_law_that_is_far_off_is_seen_as_an_error_of_the_laws() -> None:
     problem = toy_problem(3, {"turned": 1.0})
-    turned = derivatives(problem.forward, np.zeros_like(problem.parameters.sd))[1].whole[:, IDS.index("turned")]
-    other = changed(problem, 0.5 * turned * np.sin(np.repeat(GRID.length, 3) / 0.06))
+    other = changed(problem, 0.5 * response(problem, "turned") * np.sin(np.repeat(GRID.length, 3) / 0.06))
     assert leading(problem).weighed.law_error_gain < 0 < 5 < leading(other).weighed.law_error_gain
 
 

@@ -62,31 +62,24 @@ def test_progress_only_rises_to_the_end() -> None:
     assert shares[0] > 0 and shares[-1] == 1.0 and list(shares) == sorted(shares)
 
 
-def test_a_search_that_ended_elsewhere_is_begun_again_where_a_hypothesis_next_to_it_was_found() -> None:
+@pytest.mark.parametrize("of_a_pair", [False, True])
+def test_a_search_that_ended_elsewhere_is_begun_again_where_a_hypothesis_next_to_it_was_found(of_a_pair: bool) -> None:
     search = Search(toy_problem(3, {"play": 0.8}))
     search.run()
     single, pair = (("play",), False), ("play", "turned")
     known = search._tried[single]
     (around,) = search.around(known.fit, [pair], False)
-    found = search._searched_on(around)[0]
     # A search that ended elsewhere.
     worse = replace(known, weighed=replace(known.weighed, log_evidence=known.weighed.log_evidence - 50.0))
-    search._tried[single], search._promised[single] = worse, worse.weighed.log_evidence
-    search._add(search._next_to(found))
+    if of_a_pair:
+        reached = (search._none[False], worse, search._turn(around))
+        search._queue, search._tried = [], {(c.named, False): c for c in reached}
+    else:
+        found = search._searched_on(around)[0]
+        search._tried[single], search._promised[single] = worse, worse.weighed.log_evidence
+        search._add(search._next_to(found))
     search._search()
     assert search._tried[single].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
-
-
-def test_what_explains_the_data_alone_is_found_from_a_pair_that_leads() -> None:
-    search = Search(toy_problem(3, {"play": 0.8}))
-    search.run()
-    known, pair = search._tried[("play",), False], ("play", "turned")
-    (around,) = search.around(known.fit, [pair], False)
-    worse = replace(known, weighed=replace(known.weighed, log_evidence=known.weighed.log_evidence - 50.0))
-    reached = (search._none[False], worse, search._turn(around))
-    search._queue, search._tried = [], {(c.named, False): c for c in reached}
-    search._search()
-    assert search._tried[("play",), False].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
 
 
 def test_an_effect_is_weighed_at_its_own_starts_in_both_ways_where_none_is_as_probable_in_both() -> None:

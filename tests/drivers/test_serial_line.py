@@ -40,8 +40,7 @@ class OtherEnd:
         return os.read(self.master, 1000)
 
 
-@pytest.fixture
-def end() -> Iterator[OtherEnd]:
+def far_end() -> Iterator[OtherEnd]:
     master, slave = pty.openpty()
     tty.setraw(master)
     tty.setraw(slave)
@@ -49,6 +48,9 @@ def end() -> Iterator[OtherEnd]:
     for fd in (master, slave):
         with contextlib.suppress(OSError):
             os.close(fd)
+
+
+end, other = pytest.fixture(far_end), pytest.fixture(far_end)
 
 
 @pytest.fixture
@@ -120,62 +122,46 @@ def test_a_port_that_another_line_has_is_unreachable(line: SerialLine) -> None:
     raises(Unreachable, "no other program", SerialLine("valve", line.port, 9600, 0.1).open)
 
 
-class Adapters:
-    """Two far ends, and a path that leads to the first until it is led to the second."""
-
-    def __init__(self, link: Path) -> None:
-        (self.old, self._first), (self.new, self._second) = pty.openpty(), pty.openpty()
-        tty.setraw(self._second)
-        self.link = link
-        link.symlink_to(os.ttyname(self._first))
-
-    def lead_to_the_second(self) -> None:
-        self.link.symlink_to(os.ttyname(self._second))
-
-    def close(self) -> None:
-        for fd in (self.old, self._first, self.new, self._second):
-            with contextlib.suppress(OSError):
-                os.close(fd)
+@pytest.fixture
+def link(tmp_path: Path) -> Path:
+    return tmp_path / "by-id"
 
 
 @pytest.fixture
-def adapters(tmp_path: Path) -> Iterator[Adapters]:
-    with contextlib.closing(Adapters(tmp_path / "by-id")) as adapters:
-        yield adapters
-
-
-@pytest.fixture
-def by_id(adapters: Adapters) -> Iterator[SerialLine]:
-    with contextlib.closing(SerialLine("gauge", str(adapters.link), 19200, timeout=5.0)) as line:
+def by_id(end: OtherEnd, link: Path) -> Iterator[SerialLine]:
+    link.symlink_to(os.ttyname(end.slave))
+    with contextlib.closing(SerialLine("gauge", str(link), 19200, timeout=5.0)) as line:
         line.open()
         yield line
 
 
 def test_a_lost_line_is_closed_says_so_until_it_is_opened_and_opens_what_is_behind_the_same_path(
-    adapters: Adapters, by_id: SerialLine
+    end: OtherEnd, other: OtherEnd, link: Path, by_id: SerialLine
 ) -> None:
-    os.close(adapters.old)
+    os.close(end.master)
     for _ in range(2):
         raises(Unreachable, "lost .*by-id", by_id.ask, b"A\r", b"\r")
         assert not by_id.is_open
-    adapters.link.unlink()
+    link.unlink()
     raises(Unreachable, "cannot open", by_id.open)
-    adapters.lead_to_the_second()
+    link.symlink_to(os.ttyname(other.slave))
     by_id.open()
-    os.write(adapters.new, b"here\r")
+    other.say(b"here\r")
     assert by_id.read_until(b"\r") == b"here"
 
 
-def test_an_open_line_whose_path_leads_elsewhere_by_now_is_opened_anew(adapters: Adapters, by_id: SerialLine) -> None:
+def test_an_open_line_whose_path_leads_elsewhere_by_now_is_opened_anew(
+    end: OtherEnd, other: OtherEnd, link: Path, by_id: SerialLine
+) -> None:
     """The old handle may still take bytes: nothing says that it is the instrument's no longer."""
-    adapters.link.unlink()
+    link.unlink()
     by_id.open()  # a path that is gone proves nothing
     by_id.write(b"1")
-    assert os.read(adapters.old, 10) == b"1"
-    adapters.lead_to_the_second()
+    assert end.heard() == b"1"
+    link.symlink_to(os.ttyname(other.slave))
     by_id.open()
     by_id.write(b"2")
-    assert os.read(adapters.new, 10) == b"2"
+    assert other.heard() == b"2"
 
 
 def test_a_silent_line_gets_a_new_handle_when_it_is_opened_again(

@@ -47,29 +47,6 @@ def arrived(arm: UR5, timeout: float = 10.0) -> None:
     wait_until(lambda: not arm.moving(), timeout)
 
 
-def test_stop_ends_the_motion_within_a_short_distance(arm: UR5, watcher: UR5State) -> None:
-    start = watcher.latest().tcp_pose
-    arm.move_to(raised(start, 10 * UP), SPEED, ACCELERATION)
-    wait_until(lambda: watcher.latest().tcp_speed[2] > 0.8 * SPEED)
-    arm.stop()
-    stopped = watcher.latest().tcp_pose
-    assert distance_between(start, stopped) < 5 * UP
-    assert not arm.moving()
-    timing.sleep(0.1)
-    assert distance_between(watcher.latest().tcp_pose, stopped) < 1e-3
-    arm.move_to(start, SPEED, ACCELERATION)
-    arrived(arm)
-
-
-def test_a_second_move_is_refused_while_the_first_is_under_way(arm: UR5, watcher: UR5State) -> None:
-    start = watcher.latest().tcp_pose
-    arm.move_to(raised(start, 3 * UP), SPEED, ACCELERATION)
-    raises(NotReady, "still moving", arm.move_to, start, SPEED, ACCELERATION)
-    arm.stop()
-    arm.move_to(start, SPEED, ACCELERATION)
-    arrived(arm)
-
-
 BEYOND: dict[str, tuple[dict[str, Any], str]] = {
     "speed": ({"speed": 0.2}, r"speed 0.2 m/s outside 0..0.1 m/s"),
     "no speed": ({"speed": 0.0}, r"speed 0 m/s outside"),
@@ -82,15 +59,22 @@ BEYOND: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-def test_a_glance_from_outside_sees_whether_the_arm_stands_and_takes_no_control(rig: Rig, arm: UR5, watcher: UR5State) -> None:
-    stranger = UR5("stranger", Config(host=rig.host), rig.clock)
+def test_a_motion_refuses_a_second_one_is_seen_by_a_glance_that_takes_no_control_and_stops_within_a_short_distance(
+    rig: Rig, arm: UR5, watcher: UR5State
+) -> None:
+    stranger, start = UR5("stranger", Config(host=rig.host), rig.clock), watcher.latest().tcp_pose
     assert stranger.glance() is True
-    arm.move_to(raised(watcher.latest().tcp_pose, 0.05), SPEED, ACCELERATION)
-    wait_until(lambda: max(map(abs, watcher.latest().tcp_speed[:3])) > SPEED / 2)
+    arm.move_to(raised(start, 10 * UP), SPEED, ACCELERATION)
+    raises(NotReady, "still moving", arm.move_to, start, SPEED, ACCELERATION)
+    wait_until(lambda: watcher.latest().tcp_speed[2] > 0.8 * SPEED)
     assert stranger.glance() is False
     arm.stop()
+    stopped = watcher.latest().tcp_pose
+    assert distance_between(start, stopped) < 5 * UP
     assert stranger.glance() is True and arm.moving() is False
-    arm.move_to(raised(watcher.latest().tcp_pose, -0.02), SPEED, ACCELERATION)  # the arm is still in our control
+    timing.sleep(0.1)
+    assert distance_between(watcher.latest().tcp_pose, stopped) < 1e-3
+    arm.move_to(start, SPEED, ACCELERATION)  # the arm is still in our control
     arrived(arm)
 
 

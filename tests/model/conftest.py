@@ -28,6 +28,13 @@ def reference_robot(paper_robot: Robot) -> Robot:
 
 
 @pytest.fixture(scope="session")
+def pulled(reference_robot: Robot) -> Robot:
+    """The same body without a spine, pulled by three tendons."""
+    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
+    return reference_robot.replace(chambers=None, tendons=ring, spine=None, area_factor=1.0)
+
+
+@pytest.fixture(scope="session")
 def bending() -> Callable[..., States]:
     """bending(robot, spine lengths, pressures): every combination, the three chambers around azimuth 0 pressurised."""
 

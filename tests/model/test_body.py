@@ -10,7 +10,7 @@ from model.body import body_of
 from model.condition import conditions
 from model.errors import BadRobot
 from model.prediction.campaign import predict_campaign
-from model.robot import Robot, robot_from_dict
+from model.robot import Robot
 from model.rods import FINE, Rods, solve
 from model.rotation import to_base
 from model.section import body_area, body_second_moment, rods_of
@@ -19,10 +19,6 @@ from tests.model.rods.reference import REFERENCE
 
 PRESSURES = np.outer([0.0, 60e3, 120e3], [0, 0, 0, 1, 1, 1, 0, 0, 0])
 SPINES = np.array([0.0, 0.1, 0.25])
-
-
-def changed(robot: Robot, **fields: Any) -> Robot:
-    return robot_from_dict({**robot.model_dump(), **fields})
 
 
 def tips(robot: Robot, method: Any = FINE, **more: Any) -> np.ndarray:
@@ -43,15 +39,15 @@ def predicted(robot: Robot, force: Any = 0.0) -> np.ndarray:
 
 
 def test_sections_that_are_all_alike_are_the_uniform_body(reference_robot: Robot) -> None:
-    cut = changed(reference_robot, sections=[{"length": 0.1}, {"length": 0.25}, {"length": 0.05}])
+    cut = reference_robot.replace(sections=[{"length": 0.1}, {"length": 0.25}, {"length": 0.05}])
     assert len(body_of(cut)) == 3
     np.testing.assert_allclose(tips(cut), tips(reference_robot), atol=2e-8)
     np.testing.assert_allclose(predicted(cut), predicted(reference_robot), atol=2e-6)
 
 
 def test_a_rigid_last_section_carries_a_point_beyond_the_body(reference_robot: Robot) -> None:
-    bare, rigid = changed(reference_robot, tip_mass=0.0, spine=None), {"bending_stiffness": 200.0, "mass_per_length": 0.0}
-    longer = changed(bare, length=0.41, sections=[{"length": 0.4}, {"length": 0.01, "axial_stiffness": 1e6, **rigid}])
+    bare, rigid = reference_robot.replace(tip_mass=0.0, spine=None), {"bending_stiffness": 200.0, "mass_per_length": 0.0}
+    longer = bare.replace(length=0.41, sections=[{"length": 0.4}, {"length": 0.01, "axial_stiffness": 1e6, **rigid}])
     found = solve(rods_of(bare, conditions(bare, 0.0, PRESSURES)), FINE)
     ahead = found.tip + to_base(found.orientation, np.array([0.0, 0.0, 0.01]))
     np.testing.assert_allclose(solve(rods_of(longer, conditions(longer, 0.0, PRESSURES)), FINE).tip, ahead, atol=2e-4)
@@ -61,8 +57,8 @@ def test_stiffness_and_mass_that_are_given_stand_for_radii_and_material(referenc
     area = np.pi * (0.05**2 - 0.029**2)
     second = np.pi / 4 * (0.05**4 - 0.029**4)
     e = reference_robot.youngs_modulus
-    given = changed(
-        reference_robot, bending_stiffness=e * second, axial_stiffness=e * area, torsional_stiffness=2 * e * second,
+    given = reference_robot.replace(
+        bending_stiffness=e * second, axial_stiffness=e * area, torsional_stiffness=2 * e * second,
         mass_per_length=reference_robot.density * area, outer_radius=0.06, inner_radius=0.03,
     )  # fmt: skip
     np.testing.assert_allclose(tips(given), tips(reference_robot), atol=1e-9)
@@ -82,7 +78,7 @@ PULLED = {"chambers": None, "area_factor": 0.9, "tendons": NINE}
 
 @pytest.mark.parametrize("fields", [{}, SEGMENTED, PULLED], ids=["uniform", "of sections", "pulled by tendons"])
 def test_the_forward_model_and_the_rods_agree_under_known_forces(reference_robot: Robot, fields: dict[str, Any]) -> None:
-    robot, forces = changed(reference_robot, **fields), np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, -0.2, 0.1]])
+    robot, forces = reference_robot.replace(**fields), np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, -0.2, 0.1]])
     np.testing.assert_allclose(predicted(robot, forces), tips(robot, force=forces), atol=2e-6)
     assert np.abs(tips(robot, force=forces) - tips(robot)).max() > 3e-4
     assert not fields or np.abs(tips(robot) - tips(reference_robot)).max() > 3e-3
@@ -95,11 +91,8 @@ def test_a_mass_at_the_tip_is_a_force_along_gravity(reference_robot: Robot) -> N
 
 
 def test_a_taper_converges_with_its_pieces(reference_robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    taper = {
-        "sections": [{"length": 0.4, "outer_radius": (0.05, 0.035), "inner_radius": (0.02, 0.014), "path_radius": (0.04, 0.026)}],
-        "spine": None,
-    }
-    tapered = changed(reference_robot, **taper)
+    taper = {"length": 0.4, "outer_radius": (0.05, 0.035), "inner_radius": (0.02, 0.014), "path_radius": (0.04, 0.026)}
+    tapered = reference_robot.replace(sections=[taper], spine=None)
     states = conditions(tapered, 0.0, PRESSURES)
     found = solve(rods_of(tapered, states), FINE).trusted().tip
     monkeypatch.setattr(body, "PIECES", 200)
@@ -110,8 +103,8 @@ def test_a_taper_converges_with_its_pieces(reference_robot: Robot, monkeypatch: 
 
 def test_a_cantilever_of_two_sections_bends_as_beam_theory_says(reference_robot: Robot) -> None:
     soft, stiff = 0.2, 0.8
-    two = changed(
-        reference_robot, spine=None, gravity=[0.0, 0.0, 0.0], tip_mass=0.0,
+    two = reference_robot.replace(
+        spine=None, gravity=[0.0, 0.0, 0.0], tip_mass=0.0,
         sections=[{"length": 0.15, "bending_stiffness": stiff}, {"length": 0.25, "bending_stiffness": soft}],
     )  # fmt: skip
     push = 1e-3
@@ -126,7 +119,7 @@ FREE = {"spine": None, "gravity": [0.0, 0.0, 0.0], "tip_mass": 0.0, "area_factor
 
 def ending(robot: Robot, *ends: float, **fields: Any) -> Robot:
     """Without weight and spine; `ends` (m) of the nine chambers, or of all."""
-    return changed(robot, **FREE, chambers={**robot.chambers.model_dump(), "ends": ends * (9 // len(ends))}, **fields)
+    return robot.replace(**FREE, chambers={**robot.chambers.model_dump(), "ends": ends * (9 // len(ends))}, **fields)
 
 
 @pytest.mark.parametrize("thrust", ["cap", "walls"])
@@ -165,7 +158,7 @@ def test_a_tenth_of_a_millimetre_before_the_tip_hardly_moves_it(reference_robot:
 
 
 def test_the_adaptive_method_solves_sections_alike(reference_robot: Robot) -> None:
-    two = changed(reference_robot, sections=[{"length": 0.2}, {"length": 0.2, "path_radius": 0.036, "density": 900.0}])
+    two = reference_robot.replace(sections=[{"length": 0.2}, {"length": 0.2, "path_radius": 0.036, "density": 900.0}])
     rods: Rods = rods_of(two, conditions(two, SPINES, PRESSURES))
     np.testing.assert_allclose(solve(rods, FINE).tip, solve(rods, REFERENCE).tip, atol=1e-7)
 
@@ -173,24 +166,18 @@ def test_the_adaptive_method_solves_sections_alike(reference_robot: Robot) -> No
 TENDONS = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
 
 
-def test_a_tendon_bends_towards_itself_in_a_circle_and_shortens(reference_robot: Robot) -> None:
-    pulled = changed(
-        reference_robot, chambers=None, tendons=TENDONS, area_factor=1.0, spine=None, gravity=[0, 0, 0],
-        bending_stiffness=0.5, axial_stiffness=800.0, tip_mass=0.0,
-    )  # fmt: skip
-    tension = 3.0
-    found = solve(rods_of(pulled, conditions(pulled, 0.0, [tension / 1e-4, 0.0, 0.0])), FINE, arc_lengths=[0.2, 0.4])
+def test_a_tendon_bends_towards_itself_in_a_circle_and_shortens(pulled: Robot) -> None:
+    light, tension = pulled.replace(gravity=[0, 0, 0], bending_stiffness=0.5, axial_stiffness=800.0, tip_mass=0.0), 3.0
+    found = solve(rods_of(light, conditions(light, 0.0, [tension / 1e-4, 0.0, 0.0])), FINE, arc_lengths=[0.2, 0.4])
     curvature, stretch = tension * 0.04 / 0.5, 1 - tension / 800.0
     for s, place in zip((0.2, 0.4), found.shape[0], strict=True):
         circle = stretch / curvature * np.array([1 - np.cos(curvature * s), 0.0, np.sin(curvature * s)])
         np.testing.assert_allclose(place, circle, atol=1e-6)
 
 
-def test_tendons_fastened_half_way_bend_the_first_half(reference_robot: Robot) -> None:
-    two = changed(
-        reference_robot, chambers=None, area_factor=1.0, spine=None, gravity=[0, 0, 0],
-        tendons={"path_radius": 0.04, "azimuths_deg": [0.0, 90.0], "ends": [0.2, 0.4]},
-    )  # fmt: skip
+def test_tendons_fastened_half_way_bend_the_first_half(pulled: Robot) -> None:
+    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 90.0], "ends": [0.2, 0.4]}
+    two = pulled.replace(gravity=[0, 0, 0], tendons=ring)
     np.testing.assert_allclose(body_of(two).chamber_area, [[-1e-4, -1e-4], [0.0, -1e-4]])
     found = solve(rods_of(two, conditions(two, 0.0, [60e3, 0.0])), FINE, arc_lengths=[0.2, 0.3, 0.4])
     first, second = np.diff(found.shape[0], axis=0)
@@ -214,4 +201,4 @@ def test_tendons_fastened_half_way_bend_the_first_half(reference_robot: Robot) -
 )
 def test_sections_that_do_not_fit_are_refused(reference_robot: Robot, fields: dict[str, Any], named: str) -> None:
     with pytest.raises(BadRobot, match=named):
-        changed(reference_robot, **fields)
+        reference_robot.replace(**fields)

@@ -1,6 +1,7 @@
 """Calibration: area factors from tips, stiffness and moduli from pushes, and how well each is known."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from model.calibration import (
     fit_spine_modulus,
     fit_stiffness,
 )
-from model.condition import States, conditions
+from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
 from model.section import body_second_moment
@@ -54,25 +55,22 @@ def test_errors_shared_by_a_trial_are_not_averaged_away(paper_robot: Robot, bend
     assert shared.standard_error > 1.5 * alone.standard_error
 
 
-def test_tips_without_pressure_do_not_identify_the_factor(paper_robot: Robot) -> None:
-    states = conditions(paper_robot, [0.0, 0.1], np.zeros(9))
-    with pytest.raises(NotIdentified, match="pressure"):
-        fit_area_factor(paper_robot, states, np.zeros((2, 3)))
-
-
-def test_a_factor_at_its_bound_is_refused(paper_robot: Robot, bending: Bending) -> None:
-    states = bending(paper_robot, [0.0], PRESSURES)
-    opposite = solved(paper_robot, states).tip * [-1, 1, 1]
-    with pytest.raises(NotIdentified, match="bound"):
-        fit_area_factor(paper_robot, states, opposite)
-
-
-def test_tips_of_the_wrong_shape_or_missing_are_refused(paper_robot: Robot, bending: Bending) -> None:
-    states = bending(paper_robot, [0.0], PRESSURES)
-    with pytest.raises(BadCondition, match=r"tip: shape \(3, 2\)"):
-        fit_area_factor(paper_robot, states, np.zeros((3, 2)))
-    with pytest.raises(BadCondition, match="tip: row 1"):
-        fit_area_factor(paper_robot, states, np.array([[0, 0, 0.4], [0, 0, np.nan], [0, 0, 0.4]]))
+@pytest.mark.parametrize(
+    ("pressures", "measured", "kind", "said"),
+    [
+        ([0.0, 0.0], lambda tip: 0 * tip, NotIdentified, "pressure"),
+        (PRESSURES, lambda tip: tip * [-1, 1, 1], NotIdentified, "bound"),
+        (PRESSURES, lambda tip: tip[:, :2], BadCondition, r"tip: shape \(3, 2\)"),
+        (PRESSURES, lambda tip: np.where([[0], [1], [0]], np.nan, tip), BadCondition, "tip: row 1"),
+    ],
+    ids=["no pressure", "the other way", "two columns", "missing"],
+)
+def test_tips_that_do_not_tell_the_factor_are_refused(
+    paper_robot: Robot, bending: Bending, pressures: list[float], measured: Any, kind: type[Exception], said: str
+) -> None:
+    states = bending(paper_robot, [0.0], pressures)
+    with pytest.raises(kind, match=said):
+        fit_area_factor(paper_robot, states, measured(solved(paper_robot, states).tip))
 
 
 def test_body_modulus_comes_back_from_its_stiffness_rows(paper_robot: Robot) -> None:

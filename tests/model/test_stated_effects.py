@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from lab.files.config import ConfigError, load
-from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, design_from_columns
-from model.errors import BadRobot
+from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, design_from_columns, with_effects
+from model.errors import BadEffect, BadRobot
 from model.robot import Robot, robot_from_dict
 from model.stated import Stated
 from tests.model.effects.campaigns import Moved, campaign
@@ -96,7 +96,7 @@ def test_the_baseline_of_a_robot_has_its_effects(paper_robot: Robot) -> None:
     np.testing.assert_array_equal(Moved(robot, columns, catalogue={"base_tilt": CATALOGUE["base_tilt"]}).still, bare.tips(stated))
 
 
-def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:
+def test_an_effect_of_ones_own_may_stand_there_and_takes_part_like_any_other(paper_robot: Robot) -> None:
     def colder(q: Any, v: Any) -> None:
         q.body_modulus = q.body_modulus * (1 + v["excess"])
 
@@ -105,8 +105,10 @@ def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:
     columns = campaign(lengths=(0.1,), levels=(60e3,))
     with pytest.raises(BadRobot, match=r"effects\.colder: is not known.*--effects"):
         Moved(robot, columns)
-    with_it, plain = Moved(robot, columns, catalogue={"colder": own}), Moved(robot.plain, columns, catalogue={})
-    assert np.abs(with_it.still - plain.still).max() > 1e-3
+    with_it, plain = Moved(robot, columns, catalogue=with_effects([own])), Moved(robot.plain, columns, catalogue={})
+    assert np.abs(with_it.still - plain.still).max() > 1e-3 < np.abs(with_it.by(colder__excess=0.2)).max()
+    with pytest.raises(BadEffect, match="taken"):
+        with_effects([own], with_effects([own]))
 
 
 @pytest.mark.parametrize(

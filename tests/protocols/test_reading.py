@@ -1,6 +1,7 @@
 """A reading that a pause of a stream spoils is taken again where nothing has moved."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -39,33 +40,21 @@ class ClockOfStream:
             self._next += 0.05
 
 
-class Narrator:
-    """Keeps what is said."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def progress(self, done: float, total: float) -> None:
-        pass
-
-
 HUMIDITY = sensor("skin", {"humidity": "1"})
 
 
-def bench_of(clock: ClockOfStream, recorder: Recorder, narrator: Narrator) -> Bench:
-    """One without instruments."""
+def bench_of(clock: ClockOfStream, recorder: Recorder, said: list[str]) -> Bench:
+    """One without instruments, which keeps what is said."""
+    narrator: Any = SimpleNamespace(say=said.append, progress=lambda done, total: None)
     nine = ChamberMap(tuple((i,) for i in range(1, 10)))
     return Bench(clock, recorder, cast(Any, None), narrator, *cast(Any, (None,) * 3), nine, patience=0.0)
 
 
 def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool, topics: tuple[str, ...] = (TOPIC,)) -> list[str]:
     """What is said while one state is read in a window of 1 s; pauses from and to this many s after its begin."""
-    clock, narrator = ClockOfStream(), Narrator()
+    clock, said = ClockOfStream(), list[str]()
     with Recorder(path, start_wall_ns=10**18, sensors=[HUMIDITY]) as recorder:
-        trials = Trials(bench_of(clock, recorder, narrator), Plan("test", (), {}))
+        trials = Trials(bench_of(clock, recorder, said), Plan("test", (), {}))
         trial = trials.begin(repeat=1, spine=0.0)
         begin = clock.now()
         recorder.push(HUMIDITY.topic, begin, humidity=0.4)
@@ -75,7 +64,7 @@ def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool, topics
             topics=topics, wait=30.0, repeatable=repeatable,
         )  # fmt: skip
         assert trials.rows == [row] and row.step == 1
-    return narrator.said
+    return said
 
 
 def test_a_window_in_which_a_stream_paused_is_read_again(tmp_path: Path) -> None:
@@ -107,7 +96,7 @@ def test_the_stream_that_is_silent_is_named_before_those_that_are_not(tmp_path: 
 def test_a_skip_is_of_the_trial_in_which_it_was_asked_even_at_its_very_end(tmp_path: Path) -> None:
     kept: list[tuple[object, ...]] = []
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
-        bench = bench_of(ClockOfStream(), recorder, Narrator())
+        bench = bench_of(ClockOfStream(), recorder, [])
         with (
             Journal.begin(recorder.path, "test") as journal,
             bench.steering.of_run(lambda *told: kept.append(told), lambda: None, lambda text: None),

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from model.arrays import Array
-from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, design_from_columns, with_effects
-from model.effects.quantities import Quantities
-from model.effects.spec import Values
-from model.errors import BadEffect
+from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Robot, robot_from_dict
 from model.section import body_area, body_second_moment
 from tests.model.effects.campaigns import Moved, campaign, pushes
@@ -149,30 +146,24 @@ def bent_by(robot: Robot, pressure: Array) -> tuple[Array, float]:
     return push, float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
 
 
-def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot: Robot) -> None:
-    """Without weight each section feels P A along its own tangent and the chambers' moment: an arc of curvature M / EI."""
+@pytest.mark.parametrize(
+    ("borne", "growth"), [(0.0, 0.0), (1.0, 0.0), (1.0, -0.5)], ids=["stretches", "stretches nothing", "grows along the arc"]
+)
+def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc_or_as_it_grows_along_it(
+    paper_robot: Robot, borne: float, growth: float
+) -> None:
+    """Without weight each section feels P A along its own tangent and the chambers' moment: an arc of curvature M / EI, times
+    1 + g (3 (s / L)^2 - 1) where the thrust grows, and stretched by what the walls do not bear."""
     robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
     moved = Moved(robot, campaign(lengths=(0.0,), levels=(150e3, 250e3)))
-    tips = moved.by(chamber_thrust__share=1.0) + moved.still
+    tips = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=borne, chamber_thrust__growth=growth) + moved.still
+    s = (np.arange(400) + 0.5) / 400
     for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
         push, bend = bent_by(robot, pressure * moved.forward.area_factor[0])
-        long = robot.length * (1 + push.sum() / (robot.youngs_modulus * body_area(robot)))
-        assert np.hypot(*tip[:2]) == pytest.approx(long * np.sinc(bend / 2 / np.pi) * math.sin(bend / 2), abs=1e-5)
-        assert abs(tip[2]) == pytest.approx(long * np.sinc(bend / np.pi), abs=1e-5)
-
-
-def test_thrust_that_stretches_nothing_and_grows_along_the_arc_bends_the_body_so(paper_robot: Robot) -> None:
-    """Without weight the curvature is M / EI (1 + g (3 (s / L)^2 - 1)), and the body as long as at rest."""
-    robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
-    moved = Moved(robot, campaign(lengths=(0.0,), levels=(150e3, 250e3)))
-    even = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=1.0) + moved.still
-    growing = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=1.0, chamber_thrust__growth=-0.5) + moved.still
-    s = (np.arange(400) + 0.5) / 400
-    for pressure, arc, tip in zip(moved.forward.design.pressure, even, growing, strict=True):
-        push, bend = bent_by(robot, pressure * moved.forward.area_factor[0])
-        for found, turned in ((arc, bend * s), (tip, bend * (s - 0.5 * (s**3 - s)))):
-            assert np.hypot(*found[:2]) == pytest.approx(robot.length * np.sin(turned).mean(), abs=2e-5)
-            assert abs(found[2]) == pytest.approx(robot.length * np.cos(turned).mean(), abs=2e-5)
+        long = robot.length * (1 + (1 - borne) * push.sum() / (robot.youngs_modulus * body_area(robot)))
+        turned = bend * (s + growth * (s**3 - s))
+        assert np.hypot(*tip[:2]) == pytest.approx(long * np.sin(turned).mean(), abs=1e-5)
+        assert abs(tip[2]) == pytest.approx(long * np.cos(turned).mean(), abs=1e-5)
 
 
 def test_contact_kinks_the_sweep_where_the_plane_stands(sweep: Moved) -> None:
@@ -219,22 +210,6 @@ def test_a_shear_soft_spine_gives_the_papers_table_of_moduli(paper_robot: Robot)
     theta[forward.index("spine_shear")[0]] = 1.0
     ratio = np.log(forward.predict(theta) / table)
     assert np.sqrt(np.mean(ratio**2)) < 0.08
-
-
-def test_an_effect_of_ones_own_takes_part_like_any_other(paper_robot: Robot) -> None:
-    def weak(q: Quantities, v: Values) -> None:
-        share = np.zeros(9)
-        share[0] = 1.0
-        q.area_factor = q.area_factor * (1 - v["loss"][..., None] * share)
-
-    own = EffectSpec(
-        "weak_chamber", "actuation", "A_1 = A (1 - d)", (Parameter("loss", "1", 0.2, 0.0, 1.0, sign="positive"),),
-        Law(before=weak), "a test", "roll",
-    )  # fmt: skip
-    made = Moved(paper_robot, campaign(lengths=(0.0,), levels=(100e3,), unload=False), catalogue=with_effects([own]))
-    assert made.by(weak_chamber__loss=0.3)[1, 0] > 2e-3
-    with pytest.raises(BadEffect, match="taken"):
-        with_effects([own], with_effects([own]))
 
 
 def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(paper_robot: Robot) -> None:

@@ -17,7 +17,7 @@ from model.effects.quantities import Quantities
 from model.effects.spec import Values
 from model.effects.spine import shear_spine
 from model.errors import BadEffect
-from model.robot import Robot, robot_from_dict
+from model.robot import Robot
 from tests.model.effects.campaigns import Moved, campaign
 
 
@@ -98,12 +98,10 @@ def of_two(i: int, j: int, joint: bool) -> EffectSpec:
     return setting("pressure", mixed)
 
 
-def test_a_sound_effect_of_one_s_own_passes_whichever_chambers_it_acts_on(paper_robot: Robot) -> None:
-    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
-    pulled = {"chambers": None, "tendons": ring, "spine": None, "area_factor": 1.0}
+def test_a_sound_effect_of_one_s_own_passes_whichever_chambers_it_acts_on(paper_robot: Robot, pulled: Robot) -> None:
     sound = [setting("body_modulus", lambda q, d: q.body_modulus * (1 + 0.002 * d)),
              setting("tip_force", lambda q, d: q.tip_force + 0.01 * d[..., None] * q.design.force)]  # fmt: skip
-    for robot in (paper_robot, robot_from_dict({**paper_robot.model_dump(), **pulled})):
+    for robot in (paper_robot, pulled):
         pairs = combinations(range(len(robot.actuators.azimuths_deg)), 2)
         prove(robot, [*sound, *(of_two(*pair, joint) for pair in pairs for joint in (False, True))])
 

@@ -95,10 +95,8 @@ def test_a_campaign_that_is_done_faster_or_slower_shows_the_same_of_every_effect
 
 
 @pytest.mark.parametrize(("length", "modulus"), SCALINGS)
-def test_similar_robots_with_tendons_do_too(reference_robot: Robot, length: float, modulus: float) -> None:
-    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
-    plain = {"chambers": None, "spine": None, "area_factor": 1.0, "max_pressure": None}
-    robot = robot_from_dict({**reference_robot.model_dump(), **plain, "tendons": ring})
+def test_similar_robots_with_tendons_do_too(pulled: Robot, length: float, modulus: float) -> None:
+    robot = pulled.replace(max_pressure=None)
     columns = pulls(0.1 * TENSIONS, rate=np.full(len(TENSIONS), 20e3), z=np.zeros(len(TENSIONS)))
     effects = {id: spec for id, spec in CATALOGUE.items() if id.startswith("tendon")}
     given = readings(robot, columns, effects)

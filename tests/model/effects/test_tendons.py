@@ -20,12 +20,6 @@ TENSIONS = np.array([0.0, 10.0, 20.0, 10.0, 0.0])
 """N, one tendon in and out."""
 
 
-@pytest.fixture
-def pulled(reference_robot: Robot) -> Robot:
-    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
-    return robot_from_dict({**reference_robot.model_dump(), "chambers": None, "tendons": ring, "spine": None, "area_factor": 1.0})
-
-
 def pulls(tensions: Any, **more: Any) -> Any:
     """Columns of one tendon that is pulled to its largest tension (N) and let go."""
     n, top = len(tensions), int(np.argmax(tensions)) + 1
