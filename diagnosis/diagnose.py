@@ -25,7 +25,7 @@ from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
-from .answer.holdout import described_otherwise, evaluate_holdout, other_campaign
+from .answer.holdout import evaluate_holdout, other_campaign
 from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
@@ -187,9 +187,8 @@ def _prepared(case: Case, options: Options) -> tuple[Prepared, Finding | None, E
     campaign, findings = states(case)
     held_out = None
     if options.holdout is not None:
-        held_out = other_campaign(case, options.holdout)
-        if keys := described_otherwise(case.robot, options.holdout.robot):
-            findings += (finding("held_out_as_diagnosed", keys=", ".join(keys)),)
+        held_out, on_robots = other_campaign(case, options.holdout)
+        findings += on_robots
     baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
     settled, edited = None, Edited(case.robot, campaign)
     if baseline is None:
