@@ -100,7 +100,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     causes = attribute(prepared, stages, begun)
     del begun  # with its search's derivatives, most of the memory
     predict_unseen = unseen_states_of(causes)
-    rivals = Rivals.of(prepared, causes.posterior, causes.distinguishability)
+    rivals = Rivals(prepared, causes.posterior, causes.distinguishability)
     proposals = propose(causes, rivals, options.executor) if options.experiments else ()
     holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
     location = locate(causes, stages)
