@@ -25,7 +25,7 @@ from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
-from .answer.holdout import described_otherwise, evaluate_holdout, other_campaign
+from .answer.holdout import evaluate_holdout, other_campaign
 from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
@@ -100,7 +100,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     causes = attribute(prepared, stages, begun)
     del begun  # with its search's derivatives, most of the memory
     predict_unseen = unseen_states_of(causes)
-    rivals = Rivals.of(prepared, causes.posterior, causes.distinguishability)
+    rivals = Rivals(prepared, causes.posterior, causes.distinguishability)
     proposals = propose(causes, rivals, options.executor) if options.experiments else ()
     holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
     location = locate(causes, stages)
@@ -148,8 +148,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *([settled] if settled is not None else ()),
             *reasons,
             *far,
-            *sentences.obstacle(prepared, named_sizes),
-            *sentences.gauge(prepared, named_sizes),
+            *sentences.to_look_at(prepared, {size.name: size for size in named_sizes}),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
             *sentences.scatter(prepared, location.noise_floor_mm),
@@ -187,9 +186,8 @@ def _prepared(case: Case, options: Options) -> tuple[Prepared, Finding | None, E
     campaign, findings = states(case)
     held_out = None
     if options.holdout is not None:
-        held_out = other_campaign(case, options.holdout)
-        if keys := described_otherwise(case.robot, options.holdout.robot):
-            findings += (finding("held_out_as_diagnosed", keys=", ".join(keys)),)
+        held_out, on_robots = other_campaign(case, options.holdout)
+        findings += on_robots
     baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
     settled, edited = None, Edited(case.robot, campaign)
     if baseline is None:

@@ -19,6 +19,7 @@ from ..data.campaign import Campaign, tips
 from ..data.case import Case, states
 from ..data.levels import SPINE_GAP, levels
 from ..errors import BadCase, BadHoldout
+from ..findings import Finding, finding
 from ..inference.prepare import Prepared, table_columns
 from ..judgement import EXPLAINS
 from .attribute import Attribution
@@ -30,20 +31,15 @@ BY_ANALYSIS = {"thrust", "effects", "tolerances", "uncertainty", "area_factor", 
 """Keys of robot.yaml that a diagnosis proposes or a fit writes, and limits: two that differ in these alone describe one body."""
 
 
-def described_otherwise(diagnosed: Robot, other: Robot) -> list[str]:
-    """The keys of `BY_ANALYSIS` in which two robot.yaml of one robot differ; raises `BadHoldout` where any other does."""
-    differing = [key for key in Robot.model_fields if getattr(diagnosed, key) != getattr(other, key)]
+def other_campaign(diagnosed: Case, other: Case) -> tuple[Campaign, tuple[Finding, ...]]:
+    """The states of `other` with a tip, and a finding if its robot.yaml differs in keys of `BY_ANALYSIS`; raises `BadHoldout`
+    when it has no such state, has another robot or shares states."""
+    differing = [key for key in Robot.model_fields if getattr(diagnosed.robot, key) != getattr(other.robot, key)]
     if foreign := [key for key in differing if key not in BY_ANALYSIS]:
         raise BadHoldout(
             f"its robot.yaml differs from the diagnosed one in {', '.join(foreign)}; hold out a campaign of the same robot, or "
             "give both the same robot.yaml with --robot"
         )
-    return differing
-
-
-def other_campaign(diagnosed: Case, other: Case) -> Campaign:
-    """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
-    described_otherwise(diagnosed.robot, other.robot)
     try:
         campaign, _ = states(other)
     except BadCase as e:
@@ -63,7 +59,7 @@ def other_campaign(diagnosed: Case, other: Case) -> Campaign:
             f"{shared} of its {len(with_tip)} states are among those diagnosed, so the fit saw them; "
             "give a campaign that is not among the inputs"
         )
-    return with_tip
+    return with_tip, (finding("held_out_as_diagnosed", keys=", ".join(differing)),) if differing else ()
 
 
 def evaluate_holdout(f: Attribution, other: Campaign) -> Holdout:

@@ -438,13 +438,11 @@ class Diagnosis(Shown):
         """
         try:
             data = read_json(text)
-            if data["schema"] != SCHEMA:
-                raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
-            return _adapter().validate_python(data)
-        except BadCase:
-            raise
+            if data["schema"] == SCHEMA:
+                return _adapter().validate_python(data)
         except (KeyError, TypeError, ValueError) as error:
             raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {' '.join(str(error).split())[:200]}") from error
+        raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
 
 
 @cache

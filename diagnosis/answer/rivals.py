@@ -28,7 +28,6 @@ from model.errors import ModelError
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
 from ..data.campaign import tips
-from ..inference.candidate import Candidate
 from ..inference.discrepancy import settings, smooth_errors
 from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
@@ -77,24 +76,18 @@ class RivalForecast:
         return tips(states, self.row, self.channel, self.mean), tips(states, self.row, self.channel, spread)
 
 
-@dataclass(frozen=True)
 class Rivals:
     """Leading hypotheses of a diagnosis with their probabilities among each other."""
 
-    prepared: Prepared
-    candidates: tuple[Candidate, ...]
-    weight: Array
-    """(k,) sums to one."""
-
-    @classmethod
-    def of(cls, p: Prepared, weighed: EffectPosterior, separation: Distinguishability) -> Rivals:
-        """The leading hypotheses, and the rivals of the first that these data cannot tell from it."""
+    def __init__(self, p: Prepared, weighed: EffectPosterior, separation: Distinguishability) -> None:
+        """The leading hypotheses, and the rivals of the first that these data cannot tell from it; their `weight` (k,) sums to
+        one."""
         ranked: list[Hypothesis] = [h for h, _ in weighed.ranking if h != UNKNOWN][:MOST]
         if len(ranked[0]) == 1:
             ranked[1:1] = [(e,) for e in separation.rivals(ranked[0][0]) if (e,) in weighed.candidates]
-        kept = tuple(weighed.candidates[h] for h in dict.fromkeys(ranked))[:MOST]
-        weight = np.maximum([weighed.probability(c.named) for c in kept], RIVAL_LEAST_WEIGHT)
-        return cls(p, kept, weight / weight.sum())
+        self.prepared, self.candidates = p, tuple(weighed.candidates[h] for h in dict.fromkeys(ranked))[:MOST]
+        weight = np.maximum([weighed.probability(c.named) for c in self.candidates], RIVAL_LEAST_WEIGHT)
+        self.weight: Array = weight / weight.sum()
 
     @property
     def names(self) -> tuple[str, ...]:

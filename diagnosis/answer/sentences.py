@@ -332,17 +332,13 @@ def scatter(p: Prepared, floor_mm: float) -> Iterator[Finding]:
         yield finding("scatter_of_repeats", words, floor_mm=floor_mm, scatter=each)
 
 
-def obstacle(p: Prepared, sizes: Sequence[Size]) -> Iterator[Finding]:
-    """A finding where an obstacle that is named stands, if robot.yaml does not say it."""
-    for s in sizes:
-        if s.name == "contact.turn" and p.robot.obstacle_azimuth_deg is None:
-            x, y = p.forward.plane_direction.tolist()
-            yield finding("obstacle_stands", azimuth=float(np.degrees(np.arctan2(y, x) + s.median) % 360))
-
-
-def gauge(p: Prepared, sizes: Sequence[Size]) -> Iterator[Finding]:
-    """A finding that a difference between actuators that is named may be one between what measures them."""
-    if any(s.name.startswith("chamber_gain.") for s in sizes):
+def to_look_at(p: Prepared, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+    """Findings on what is named, by its parameters: where an obstacle stands, if robot.yaml does not say it, and that a
+    difference between actuators may be one between what measures them."""
+    if "contact.turn" in sizes and p.robot.obstacle_azimuth_deg is None:
+        x, y = p.forward.plane_direction.tolist()
+        yield finding("obstacle_stands", azimuth=float(np.degrees(np.arctan2(y, x) + sizes["contact.turn"].median) % 360))
+    if any(name.startswith("chamber_gain.") for name in sizes):
         yield finding("gauge_looks_alike", p.robot.actuators.words)
 
 

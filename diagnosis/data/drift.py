@@ -52,16 +52,12 @@ def drift(states: Campaign) -> Iterator[Finding]:
         f"{name} by ({', '.join(f'{1e3 * x:.1f} ± {1e3 * s:.1f}' for x, s in zip(v, d, strict=True))}) mm"
         for name, v, d in zip(names, moved, sd, strict=True)
     ]
-    together = (
-        len(moved) > 1 and float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max()) < judgement.DRIFT_TOGETHER * size
-    )
-    what = (
-        "all points move together, so cameras or base drift rather than the body"
-        if together
-        else "points move differently: cameras or base turn, or the body creeps or softens"
-        if len(moved) > 1
-        else "without markers the table cannot tell cameras or base from a body that creeps or softens"
-    )
+    if len(moved) == 1:
+        what = "without markers the table cannot tell cameras or base from a body that creeps or softens"
+    elif np.linalg.norm(moved - moved.mean(axis=0), axis=1).max() < judgement.DRIFT_TOGETHER * size:
+        what = "all points move together, so cameras or base drift rather than the body"
+    else:
+        what = "points move differently: cameras or base turn, or the body creeps or softens"
     yield finding("drift", mm=1e3 * size, trials=count, hours=hours, points=each, what=what)
 
 

@@ -139,7 +139,7 @@ class Noise:
         rows_of_each = rows_by(self.block)
         sizes = sorted({len(r) for r in rows_of_each})
         stacked = (np.array([r for r in rows_of_each if len(r) == size]) for size in sizes)
-        return [_Blocks.of(rows, self._covariance(rows)) for rows in stacked]
+        return [_Blocks(rows, self._covariance(rows)) for rows in stacked]
 
     def _covariance(self, rows: Ints) -> Array:
         """(b, s, s) covariances C of b blocks of s values, see above; `rows` (b, s): indices of the values."""
@@ -155,25 +155,18 @@ class Noise:
         return np.asarray(out + by_pressure * ((1 - q) * same + q * k))
 
 
-@dataclass(frozen=True)
 class _Blocks:
     """b blocks of s values."""
 
-    rows: Ints
-    """(b, s) indices of their values."""
-    white: Array
-    """(b, s, s) C^-1/2: makes them independent, of standard deviation 1."""
-    log_sd: float
-    """Half the log determinant of their covariance."""
-
-    @staticmethod
-    def of(rows: Ints, covariance: Array) -> _Blocks:
+    def __init__(self, rows: Ints, covariance: Array) -> None:
+        """`rows` (b, s): indices of their values. `white` (b, s, s), C^-1/2, makes them independent, of standard deviation 1;
+        `log_sd` is half the log determinant of their `covariance` (b, s, s)."""
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         value, vector = np.linalg.eigh(covariance / sd[:, :, None] / sd[:, None, :])
         # rounding errors of a zero eigenvalue
         value = np.maximum(value, 1e-9)
-        white = (vector / np.sqrt(value)[:, None, :]) @ vector.swapaxes(1, 2) / sd[:, None, :]
-        return _Blocks(rows, white, float(np.log(sd).sum() + 0.5 * np.log(value).sum()))
+        self.rows, self.log_sd = rows, float(np.log(sd).sum() + 0.5 * np.log(value).sum())
+        self.white = (vector / np.sqrt(value)[:, None, :]) @ vector.swapaxes(1, 2) / sd[:, None, :]
 
 
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:

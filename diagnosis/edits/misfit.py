@@ -16,7 +16,7 @@ hypotheses descend at once: the rods of all states of all of them, at all points
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import groupby
 
@@ -254,7 +254,7 @@ class Sample:
     def fitted(self, starts: Sequence[tuple[tuple[Edit, ...], Array]], steps: int, alone: bool = False) -> list[Fit]:
         """Fits of edits from starts (8 + own,), after this many steps of Gauss and Newton within the bounds, readings far off
         weighed down, each shortened until it gains; `alone`: without those of `COSTLY` that they do not widen."""
-        problems = [_Problem.of(self, edits, x, alone) for edits, x in starts]
+        problems = [_Problem(self, edits, x, alone) for edits, x in starts]
         for problem, missed in zip(problems, self.missed([(p.edits, p.x[None]) for p in problems]), strict=True):
             problem.missed = missed[0]
         active = problems
@@ -334,36 +334,23 @@ def _with_areas(sample: Sample, area: float) -> Sample:
     return sample if left < ONE_AREA * of_one else other
 
 
-@dataclass
 class _Problem:
     """A hypothesis on its way to its minimum."""
 
-    edits: tuple[Edit, ...]
-    x: Array
-    low: Array
-    high: Array
-    sd: Array
-    """(8,) of the calibration's priors."""
-    free: Ints
-    """Numbers of the parameters that are fitted."""
-    unit: float
-    """m, s."""
-    missed: Array = field(default_factory=lambda: np.zeros((0, 3)))
-
-    @classmethod
-    def of(cls, sample: Sample, edits: tuple[Edit, ...], x: Array, alone: bool) -> _Problem:
-        """With bounds and priors as the edits have them."""
-        bound, sd = judgement.EDIT_USUAL.copy(), judgement.EDIT_SD.copy()
+    def __init__(self, sample: Sample, edits: tuple[Edit, ...], x: Array, alone: bool) -> None:
+        """With bounds and priors as the edits have them: `sd` (8,) of the calibration's, `free` the numbers of the parameters
+        that are fitted, `unit` s in m."""
+        self.edits, self.missed, self.unit = edits, np.zeros((0, 3)), judgement.EDIT_LOSS_SCALE * sample.robot.length
+        bound, self.sd = judgement.EDIT_USUAL.copy(), judgement.EDIT_SD.copy()
         for edit in edits:
             for number, widest in edit.widens.items():
-                bound[number], sd[number] = widest, np.inf
-        low, high = np.array([*zip(-bound, bound, strict=True), *(b for edit in edits for b in edit.bounds)]).T
-        free = np.ones(len(low), bool)
+                bound[number], self.sd[number] = widest, np.inf
+        self.low, self.high = np.array([*zip(-bound, bound, strict=True), *(b for edit in edits for b in edit.bounds)]).T
+        free = np.ones(len(x), bool)
         free[[*COSTLY]] = not alone
         free[[number for edit in edits for number in edit.widens]] = True
-        margin = 0.005 * (high - low)
-        unit = judgement.EDIT_LOSS_SCALE * sample.robot.length
-        return cls(edits, np.clip(x, low + margin, high - margin), low, high, sd, np.flatnonzero(free), unit)
+        self.free, margin = np.flatnonzero(free), 0.005 * (self.high - self.low)
+        self.x = np.clip(x, self.low + margin, self.high - margin)
 
     @property
     def change(self) -> Array:

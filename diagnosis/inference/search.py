@@ -84,11 +84,10 @@ class Search:
             size, start = judgement.FIT_DISCREPANCY_SIZE, np.zeros_like(self.problem.parameters.sd)
             if with_tolerances:
                 tolerant = self._weigh(NONE, self.fit(NONE, True, size, self._calibrated(False).fit, 3), True)
-                none = self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5)
+                none = self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5).with_form_error(self.problem, NONE)
             else:
                 none = self.fit(NONE, False, size, start, 4).whole(self.problem, NONE)
-            reference = self._as_reference(replace(none, form_error=FormError(NONE, {})))
-            (found,) = self.around(reference, [NONE], with_tolerances)
+            (found,) = self.around(self._as_reference(none), [NONE], with_tolerances)
             self._none[with_tolerances] = replace(found, turns=1, ended=True)
             self._add([self._none[with_tolerances]])
         return self._none[with_tolerances]
@@ -303,11 +302,10 @@ class Search:
         if named:
             (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
-        own: list[tuple[float, Array | Fit]] = [(begun.grid_point.size, begun.fit)]
-        own.append((0.0, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta))
+        sizes = begun.grid_point.size, 0.0
+        points: list[Array | Fit] = [begun.fit, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta, *more]
         # a calibration is nearly linear: each size has one start
-        every = itertools.product({size for size, _ in own}, [*(at for _, at in own), *more])
-        each = every if named or more else own
+        each = itertools.product({*sizes}, points) if named or more else zip(sizes, points, strict=True)
         ends = (self.fit(named, False, size, at, LAST_ROUNDS, least_promise=WRITTEN_PROMISE) for size, at in each)
         return max((self._weigh(named, end, False) for end in ends), key=_evidence)
 

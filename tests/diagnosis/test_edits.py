@@ -87,7 +87,7 @@ def test_the_slope_of_the_misfit_is_its_slope(case: Measured) -> None:
     near = sample.fitted([((), np.zeros(8))], 1)[0]
     edits = tuple(e for e in listed.every_edit(sample, near) if e.kind in ("length", "tilt"))
     theta = np.array([0.1, -0.2, 0.1, 0.05, -0.04, 0.02, -0.01, 0.02, 0.2, -0.1, 0.05])
-    problem = _Problem.of(sample, edits, theta, alone=False)
+    problem = _Problem(sample, edits, theta, alone=False)
     problem.missed, beside = (sample.missed([(edits, x)])[0] for x in (theta[None], problem.beside))
     problem.missed, steps = problem.missed[0], 1e-4 * np.eye(11)
     above, below = (sample.missed([(edits, theta + sign * steps)])[0].reshape(11, -1) for sign in (1, -1))

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.answer.attribute import Attribution, attribute, begin
 from diagnosis.answer.decision import Decision
-from diagnosis.answer.holdout import described_otherwise, evaluate_holdout, other_campaign
+from diagnosis.answer.holdout import evaluate_holdout, other_campaign
 from diagnosis.answer.sentences import held_out
 from diagnosis.answer.unseen import interval_closed
 from diagnosis.data.case import states
@@ -34,7 +34,7 @@ def found(diagnosed: Measured) -> Attribution:
 
 
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:
-    held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
+    held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH))[0])
     assert held.hypothesis == ("chamber_azimuth",) and held.named and held.verdict == "confirmed"
     assert held.share_closed is not None and held.share_closed > 0.8
     assert held.states == 20 and held.trials == 4 and held.unsolved == 0
@@ -42,26 +42,26 @@ def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diag
 
 
 def test_an_effect_that_was_gone_by_then_is_contradicted(found: Attribution, diagnosed: Measured) -> None:
-    held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=-AZIMUTH)))
+    held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=-AZIMUTH))[0])
     assert held.verdict == "contradicted" and held.ci95 is not None and held.ci95[1] < 0
     assert held.after_mm > held.before_mm and "contradicted" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_where_the_baseline_is_right_nothing_can_be_closed(found: Attribution, diagnosed: Measured) -> None:
     right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, noise_floor=1e-3))
-    held = evaluate_holdout(right, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
+    held = evaluate_holdout(right, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH))[0])
     assert held.share_closed is None and held.verdict == "open" and "no gap to close" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_what_was_not_named_is_not_confirmed(found: Attribution, diagnosed: Measured) -> None:
     doubtful = replace(found, decision=Decision("unknown", (), 0.3, 0.3))
-    held = evaluate_holdout(doubtful, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
+    held = evaluate_holdout(doubtful, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH))[0])
     assert held.verdict == "open" and "not named, so nothing is confirmed" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnosed: Measured) -> None:
     rows = [r for r in measured(1, 9, chamber_azimuth__angle=AZIMUTH).table if r.trial == 2]
-    held = evaluate_holdout(found, other_campaign(diagnosed, case(rows)))
+    held = evaluate_holdout(found, other_campaign(diagnosed, case(rows))[0])
     assert held.trials == 1 and held.ci95 is None and held.verdict == "open"
     assert "one trial gives no interval: hold out two trials or more." in held_out(replace(NAMELESS, holdout=held))
 
@@ -69,8 +69,8 @@ def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnose
 def test_a_robot_yaml_that_lacks_what_a_diagnosis_proposes_is_of_the_same_robot(diagnosed: Measured) -> None:
     other = measured(2, 9, FEW)
     told = Measured(diagnosed.robot.model_copy(update={"thrust": "walls", "area_factor": 0.8}), diagnosed.table)
-    assert described_otherwise(told.robot, other.robot) == ["area_factor", "thrust"]
-    assert len(other_campaign(told, other)) == len(other.table)
+    campaign, (note,) = other_campaign(told, other)
+    assert note.values == {"keys": "area_factor, thrust"} and len(campaign) == len(other.table)
 
 
 def push(r: TrialRow) -> TrialRow:
@@ -102,7 +102,7 @@ def test_what_was_diagnosed_without_tips_cannot_be_tried_on_them() -> None:
 
 def test_pushes_beside_tips_are_not_tried(diagnosed: Measured) -> None:
     other = list(measured(2, 9).table)
-    own = other_campaign(diagnosed, case(other + [push(r) for r in other if r.spine_length > 0.05]))
+    own, _ = other_campaign(diagnosed, case(other + [push(r) for r in other if r.spine_length > 0.05]))
     assert len(own) == len(other) and not own.pushed.any()
 
 
