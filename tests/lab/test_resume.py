@@ -79,35 +79,24 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
-    folder = tmp_path / "with blank"
+def test_a_stopped_run_goes_on_as_it_said_with_the_protocol_that_it_recorded_and_others_code_is_not_executed(
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, folder = tmp_path / "sine.py", tmp_path / "with blank"
+    own.write_text("from protocols import bending\n" + BENDING)
     meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
     said = ("--operator", "Ada", "--tag", "batch=3")
-    words = go_on(cli("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both)
+    words = go_on(cli("run", own, "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both)
+    own.unlink()
     (first,) = folder.glob("*.mcap")
     assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
+    with monkeypatch.context() as another:
+        another.setattr(os, "getuid", lambda: 12345)
+        assert "is not yours; give its protocol: lab run sine.py --resume" in cli(*words[1:], code=2).err
     assert lab(*words[1:], "--tag", "batch=4") in SOUND
     (second,) = set(folder.glob("*.mcap")) - {first}
     assert Recording.open(first).metadata[RECORD] == {"operator": "Ada", "batch": "3"}
     assert Recording.open(second).metadata[RECORD] == {"operator": "Ada", "batch": "4"}
-    assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
-
-
-def test_a_protocol_of_one_s_own_is_resumed_from_the_recording_and_others_code_is_not_executed(
-    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    own = tmp_path / "sine.py"
-    own.write_text("from protocols import bending\n" + BENDING)
-    folder = tmp_path / "runs"
-    meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
-    words = go_on(cli("run", own, "--rig", virtual_lab.rig, *SHORT, "--out", folder, code=1).both)
-    own.unlink()
-    (first,) = folder.glob("*.mcap")
-    with monkeypatch.context() as another:
-        another.setattr(os, "getuid", lambda: 12345)
-        assert "is not yours; give its protocol: lab run sine.py --resume" in cli(*words[1:], code=2).err
-    assert lab(*words[1:]) in SOUND
-    (second,) = set(folder.glob("*.mcap")) - {first}
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
     assert Recording.open(second).attachments["protocol.py"] == Recording.open(first).attachments["protocol.py"]
 
