@@ -7,7 +7,6 @@ import re
 import signal
 import socket
 import struct
-import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import Cli
+from commands import Cli, command
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -134,11 +133,7 @@ def by_topic(messages: list[Told]) -> dict[str, list[tuple[int, bytes]]]:
 
 # -- a recording that is played
 def test_a_recording_is_handed_on_as_it_is() -> None:
-    program = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "watch", RECORDING, "--foxglove", "0", "--speed", "1000", "--json"],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
+    with command("watch", RECORDING, "--foxglove", 0, "--speed", 1000, "--json") as program:
         assert program.stdout is not None
         said = json.loads(program.stdout.readline())
         assert said["layout"] == str(LAYOUT) and said["live"] is False
@@ -155,9 +150,6 @@ def test_a_recording_is_handed_on_as_it_is() -> None:
             assert looks.time == max(log_time for _, log_time, _ in messages)
             program.send_signal(signal.SIGINT)  # with somebody who looks
             assert program.wait(60) == 0
-    finally:
-        program.kill()
-        program.wait()
 
 
 # -- in this process

@@ -3,15 +3,12 @@
 import hashlib
 import os
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
-from commands import SOUND, Cli
+from commands import SOUND, Cli, command
 from terminal import Terminal
 from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_ctrl_c, recorded, settings
 
@@ -30,18 +27,6 @@ from tests.simulated.bench import wait_until
 SHORT = settings("spine_lengths=[0.0, 3 cm, 6 cm]", "pressures=[80 kPa]", "unload=false", *PATIENT_SETTLE[1:])
 
 
-def started(rig: Path, folder: Path) -> subprocess.Popen[str]:
-    """A run in a process of its own."""
-    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(rig), *SHORT, "--out", str(folder)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-
-
-def wait_for(text: str, folder: Path, process: subprocess.Popen[str]) -> None:
-    """Until the journal says so."""
-    assert timing.wait(lambda: journal_says(text, folder) or process.poll() is not None, 120)
-    assert process.poll() is None, process.communicate()[0]
-
-
 def freed(virtual_lab: VirtualLab) -> None:
     """What a person does after a crash: look at the rig, bring it into the safe state, say that it is."""
     wait_until(lambda: lab("safe", "--clear", "--rig", virtual_lab.rig) == 0, 120)
@@ -49,10 +34,9 @@ def freed(virtual_lab: VirtualLab) -> None:
 
 def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: VirtualLab, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
-    process = started(real_lab.rig, broken)
-    wait_for('{"trial": 2, "step": 1}', broken, process)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    with command("run", "bending", "--rig", real_lab.rig, *SHORT, "--out", broken) as process:
+        assert timing.wait(lambda: journal_says('{"trial": 2, "step": 1}', broken) or process.poll() is not None, 120)
+        assert process.poll() is None, process.communicate()[0]
     (first,) = broken.glob("*.mcap")
     freed(real_lab)
     assert lab("run", "--resume", first, "--rig", real_lab.rig) in SOUND

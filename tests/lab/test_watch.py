@@ -6,17 +6,15 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 import yaml
-from commands import Cli
+from commands import Cli, command
 from pages import events
 from virtual_lab import VirtualLab, recorded, settings
 
@@ -34,20 +32,6 @@ SHORT = settings("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]", *PATIENT_
 SAID = ["--operator", "Ada", "--specimen", "S 7", "--tag", "batch=<b>3</b>"]
 HOSTILE = "<img src=x onerror=alert(1)> [/red] \x1b[2J"
 SHOWN = "<img src=x onerror=alert(1)> [/red] \\x1b[2J"
-
-
-@contextmanager
-def command(*words: object) -> Iterator[subprocess.Popen[str]]:
-    """In a process of its own, killed at the end."""
-    program = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
-    try:
-        yield program
-    finally:
-        program.kill()
-        program.wait()
 
 
 def address(program: subprocess.Popen[str]) -> str:
