@@ -38,7 +38,7 @@ from model.robot import Robot
 from recordings.file.tail import Piece, Tail
 from recordings.file.writer import Recorder
 from recordings.messages import streams
-from recordings.states.rules import Settled, State
+from tests.recordings.synthetic_run import REST, state
 
 RECORDING = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
 WITHIN = 120.0
@@ -190,12 +190,9 @@ def test_a_run_is_handed_on_while_it_is_written_to_everybody_who_looks(tmp_path:
 
 def test_the_tip_that_is_expected_is_that_of_the_model_at_the_newest_pressures(tmp_path: Path) -> None:
     text, pressures = paper_robot().read_bytes(), (60e3,) * 3 + (0.0,) * 6
-    state = State(
-        trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=0.5, ramp_end=0.5, rate=1.0, targets=pressures,
-        spine_length=0.05, tip_mass=0.02, rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
-    )  # fmt: skip
+    asked = state(rule=REST, t_start=0.5, ramp_end=0.5, targets=pressures, spine_length=0.05, tip_mass=0.02)
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"robot.yaml": text}) as recorder:
-        recorder.state(0.5, state)
+        recorder.state(0.5, asked)
         recorder.push("/spine", 0.75, (0.04, 0.0, 0.05, True, True))
         recorder.push("/pressure", 1.5, (pressures, pressures))
         recorder.close("completed")
@@ -285,6 +282,11 @@ def test_what_the_model_expects_is_a_sphere_with_its_interval_until_it_cannot_te
 @pytest.mark.parametrize(
     ("words", "says"),
     [
+        (["--bind", "here"], "--bind here: must be an address"),
+        (["--bind", "192.0.2.1"], "cannot listen there"),
+        (["--port", "70000"], "--port 70000"),
+        (["--speed", "0"], "--speed 0"),
+        (["--speed", "nan"], "--speed nan"),
         (["--foxglove", "70000"], "--foxglove 70000: must be 0"),
         (["--foxglove", "0", "--bind", "0.0.0.0"], "Foxglove has no secret"),
     ],

@@ -209,20 +209,6 @@ def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(
     assert [len(known["rows"]) for known in parts] == [0, 3]
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--bind", "here"], "--bind here: must be an address"),
-        (["--bind", "192.0.2.1"], "cannot listen there"),
-        (["--port", "70000"], "--port 70000"),
-        (["--speed", "0"], "--speed 0"),
-        (["--speed", "nan"], "--speed nan"),
-    ],
-)
-def test_wrong_words_get_one_clear_error(run: tuple[dict[str, Any], Path], words: list[str], says: str, cli: Cli) -> None:
-    assert says in cli("watch", run[1], *words, code=2).flat_err
-
-
 # -- in a browser
 @pytest.fixture
 def page(tmp_path: Path) -> Iterator[Browser]:
