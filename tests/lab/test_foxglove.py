@@ -278,7 +278,7 @@ def test_what_the_model_expects_is_a_sphere_with_its_interval_until_it_cannot_te
     assert not third.entities and third.deletions[0].type == 1
 
 
-# -- wrong words
+# -- wrong words of `lab watch`
 @pytest.mark.parametrize(
     ("words", "says"),
     [
