@@ -31,7 +31,6 @@ def sensor(house: House) -> Ft300sFake:
 
 def drifted(house: House, folder: Path, zero: Callable[[float], float]) -> Table:
     """The table of a run in which the sensor's zero moves along the push by `zero` (N) of the host seconds since its begin."""
-    house.change(without=("mocap",))
     device, begin = sensor(house).device, timing.now()
     before = device.bias.copy()
 
