@@ -1,9 +1,10 @@
-"""Commands of `lab`: in this process, or several in one of their own, on a computer that is unlike this one."""
+"""Commands of `lab`: in this process, one in a process of its own, or several in one on a computer that is unlike this one."""
 
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -28,6 +29,20 @@ for words in commands:
     done.append((code, out.getvalue(), err.getvalue()))
 json.dump(done, sys.__stdout__)
 """
+
+
+@contextmanager
+def command(*words: object) -> Iterator[subprocess.Popen[str]]:
+    """In a process of its own, killed at the end."""
+    program = subprocess.Popen(
+        [sys.executable, "-m", "lab.cli", *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    try:
+        yield program
+    finally:
+        program.kill()
+        program.wait()
 
 
 class Done(NamedTuple):

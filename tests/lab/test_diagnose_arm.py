@@ -40,7 +40,7 @@ def poses(count: int = 24, repeats: int = 2, seed: int = 0, zero: float = ZERO) 
     return pd.DataFrame(np.hstack([q, at]), columns=["q1", "q2", "q3", "q4", "x", "y", "z"])
 
 
-def diagnosed(cli: Cli, folder: Path, table: pd.DataFrame, *words: object, arm: dict[str, Any] = ARM, code: int = 0) -> Any:
+def diagnosed(cli: Cli, folder: Path, table: pd.DataFrame, *words: object, arm: dict[str, Any] = ARM, code: Any = 0) -> Any:
     (folder / "arm.yaml").write_text(yaml.safe_dump(arm))
     table.to_csv(folder / "poses.csv", index=False)
     return cli("diagnose", folder / "poses.csv", "--robot", folder / "arm.yaml", *words, code=code)
@@ -131,10 +131,7 @@ def test_bad_poses_are_one_clear_error(change: Any, message: str, cli: Cli, tmp_
     ],
 )
 def test_options_that_do_not_fit_are_refused(words: tuple[str, ...], message: str, cli: Cli, tmp_path: Path) -> None:
-    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(ARM))
-    poses().to_csv(tmp_path / "poses.csv", index=False)
-    done = cli("diagnose", tmp_path / "poses.csv", "--robot", tmp_path / "arm.yaml", *words, code=(1, 2))
-    assert message in done.flat_err
+    assert message in diagnosed(cli, tmp_path, poses(), *words, code=(1, 2)).flat_err
 
 
 def test_the_page_and_json_serve_an_answer_about_any_model(tmp_path: Path) -> None:

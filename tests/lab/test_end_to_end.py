@@ -12,7 +12,6 @@ import timing
 from drivers.errors import InstrumentError
 from lab.calibration import calibrate
 from lab.files.inputs import read_case
-from lab.files.robot_file import paper_robot
 from lab.rig.assembly import Rig
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
@@ -165,11 +164,9 @@ def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(virtual_lab: Virtu
 
 
 def test_a_mistake_in_the_defaults_for_a_robot_is_told_with_its_line(tmp_path: Path, cli: Cli) -> None:
-    (tmp_path / "robot.yaml").write_text(paper_robot().read_text())
-    (tmp_path / "rig.yaml").write_text("name: bench\nrobot: robot.yaml\ninstruments: {}\n")
     own = tmp_path / "own.py"
     text = CREEP.with_name("staircase.py").read_text()
     defaults = '    @classmethod\n    def defaults_for(cls, robot):\n        return {"chambers": robot.azimuths}\n'
     own.write_text(text.replace("class Staircase(Parameters):\n", f"class Staircase(Parameters):\n{defaults}\n"))
-    told = cli("plan", own, "--rig", tmp_path / "rig.yaml", code=2).err
+    told = cli("plan", own, "--rig", CREEP.parents[1] / "rig/rig.yaml", code=2).err
     assert f"{own}:" in told and "'RobotFacts' object has no attribute 'azimuths'" in told and "Traceback" not in told

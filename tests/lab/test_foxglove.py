@@ -7,7 +7,6 @@ import re
 import signal
 import socket
 import struct
-import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import Cli
+from commands import Cli, command
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -39,7 +38,7 @@ from model.robot import Robot
 from recordings.file.tail import Piece, Tail
 from recordings.file.writer import Recorder
 from recordings.messages import streams
-from recordings.states.rules import Settled, State
+from tests.recordings.synthetic_run import REST, state
 
 RECORDING = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
 WITHIN = 120.0
@@ -134,11 +133,7 @@ def by_topic(messages: list[Told]) -> dict[str, list[tuple[int, bytes]]]:
 
 # -- a recording that is played
 def test_a_recording_is_handed_on_as_it_is() -> None:
-    program = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "watch", RECORDING, "--foxglove", "0", "--speed", "1000", "--json"],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
+    with command("watch", RECORDING, "--foxglove", 0, "--speed", 1000, "--json") as program:
         assert program.stdout is not None
         said = json.loads(program.stdout.readline())
         assert said["layout"] == str(LAYOUT) and said["live"] is False
@@ -155,9 +150,6 @@ def test_a_recording_is_handed_on_as_it_is() -> None:
             assert looks.time == max(log_time for _, log_time, _ in messages)
             program.send_signal(signal.SIGINT)  # with somebody who looks
             assert program.wait(60) == 0
-    finally:
-        program.kill()
-        program.wait()
 
 
 # -- in this process
@@ -198,12 +190,9 @@ def test_a_run_is_handed_on_while_it_is_written_to_everybody_who_looks(tmp_path:
 
 def test_the_tip_that_is_expected_is_that_of_the_model_at_the_newest_pressures(tmp_path: Path) -> None:
     text, pressures = paper_robot().read_bytes(), (60e3,) * 3 + (0.0,) * 6
-    state = State(
-        trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=0.5, ramp_end=0.5, rate=1.0, targets=pressures,
-        spine_length=0.05, tip_mass=0.02, rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
-    )  # fmt: skip
+    asked = state(rule=REST, t_start=0.5, ramp_end=0.5, targets=pressures, spine_length=0.05, tip_mass=0.02)
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"robot.yaml": text}) as recorder:
-        recorder.state(0.5, state)
+        recorder.state(0.5, asked)
         recorder.push("/spine", 0.75, (0.04, 0.0, 0.05, True, True))
         recorder.push("/pressure", 1.5, (pressures, pressures))
         recorder.close("completed")
@@ -289,10 +278,15 @@ def test_what_the_model_expects_is_a_sphere_with_its_interval_until_it_cannot_te
     assert not third.entities and third.deletions[0].type == 1
 
 
-# -- wrong words
+# -- wrong words of `lab watch`
 @pytest.mark.parametrize(
     ("words", "says"),
     [
+        (["--bind", "here"], "--bind here: must be an address"),
+        (["--bind", "192.0.2.1"], "cannot listen there"),
+        (["--port", "70000"], "--port 70000"),
+        (["--speed", "0"], "--speed 0"),
+        (["--speed", "nan"], "--speed nan"),
         (["--foxglove", "70000"], "--foxglove 70000: must be 0"),
         (["--foxglove", "0", "--bind", "0.0.0.0"], "Foxglove has no secret"),
     ],

@@ -195,8 +195,7 @@ def test_zeros_among_positions_are_missing_and_reported(tmp_path: Path) -> None:
 
 
 def test_zeros_are_missing_where_a_place_of_the_base_is_subtracted(tmp_path: Path) -> None:
-    (tmp_path / "table.csv").write_text(text(FEW, change=lambda k, c: [*c[:4], "0", "0", "0"] if k == 3 else c))
-    guess, whole = through(tmp_path / "table.csv")
+    guess, whole = through(tmp_path / "table.csv", text(FEW, change=lambda k, c: [*c[:4], "0", "0", "0"] if k == 3 else c))
     columns = guess.values["columns"]
     moved = {axis: columns[axis] | {"zero": 5.0} for axis in "xyz"}
     made = by_map(tmp_path / "table.csv", **guess.values | {"columns": columns | moved})
@@ -218,8 +217,7 @@ def test_a_title_names_no_column_and_time_repeat_and_load_go_by_their_words(titl
 
 
 def test_a_unit_that_the_file_contradicts_is_the_first_note_with_its_factor(tmp_path: Path) -> None:
-    (tmp_path / "table.csv").write_text(text(FEW))
-    guess, _ = through(tmp_path / "table.csv")
+    guess, _ = through(tmp_path / "table.csv", text(FEW))
     pressure = guess.values["columns"]["p1"]
     made = by_map(
         tmp_path / "table.csv", **guess.values | {"columns": guess.values["columns"] | {"p1": pressure | {"unit": "Pa"}}}

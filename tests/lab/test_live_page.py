@@ -21,8 +21,8 @@ from lab.live.viewers import event
 from recordings.file.contents import Contents
 from recordings.file.tail import Tail
 from recordings.file.writer import Recorder
-from recordings.states.rules import Settled, State
 from recordings.trials import TrialRow
+from tests.recordings.synthetic_run import REST, state
 
 # ------------------------------------------------------------------ numbers of the file
 HOSTILE = "[/red] \x1b[2J <script>alert(1)</script>"
@@ -180,10 +180,7 @@ WITHIN = 60.0
 OFF = 0.004
 """m by which the tip of these recordings misses the model."""
 PRESSURE = tuple(2e3 + k for k in range(9))
-ASKED = State(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=0.0, ramp_end=1.0, rate=1.0, targets=PRESSURE,
-    spine_length=0.1, tip_mass=0.0, rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
-)  # fmt: skip
+ASKED = state(rule=REST, ramp_end=1.0, rate=1.0, targets=PRESSURE)
 
 
 def expected(pressure: float) -> list[float]:

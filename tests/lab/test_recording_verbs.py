@@ -14,8 +14,9 @@ from recordings.campaign.info import info
 from recordings.campaign.replay import metadata
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
-from recordings.states.rules import State, Window
+from recordings.states.rules import Window
 from recordings.trials import Table, TrialRow
+from tests.recordings.synthetic_run import state
 
 RECORDING = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm", "/valve", "/state", "/trial")
@@ -96,11 +97,7 @@ def recorded(path: Path, day: int, states: int, plan: object, campaign: str = ""
     for k in range(40):
         recorder.push("/pressure", k * 0.5, (PRESSURES, PRESSURES))
     for number in range(1, states + 1):
-        state = State(
-            trial=1, step=number, protocol="bending", repeat=1, branch="load", rule=Window(0.5), t_start=0.0, ramp_end=0.0,
-            rate=0.0, targets=PRESSURES, spine_length=0.1, tip_mass=0.0, topics=("/pressure",),
-        )  # fmt: skip
-        recorder.state(number * 0.5, state)
+        recorder.state(number * 0.5, state(step=number, targets=PRESSURES, topics=("/pressure",)))
     recorder.close("completed")
     return path
 
@@ -178,8 +175,8 @@ def test_the_robot_that_travels_with_a_recording_is_the_one_that_is_used(tmp_pat
     none = (0.0,) * 9
     read = TrialRow(1, 1, "bending", 1, "load", 1.0, 0.0, none, tip_mass=0.053, tip=(0.0, 0.0, 0.42))
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"robot.yaml": own}) as recorder:
-        state = State(1, 1, "bending", 1, "load", Window(0.0), 1.0, 1.0, 0.0, none, 0.0, 0.053)
-        recorder.trial(1.0, recorder.state(1.0, state), read)
+        asked = state(rule=Window(0.0), t_start=1.0, ramp_end=1.0, targets=none, spine_length=0.0, tip_mass=0.053)
+        recorder.trial(1.0, recorder.state(1.0, asked), read)
     case = read_case([recorder.path])
     assert case.robot.length == 0.41 and list(case.table) == [read]
     cli("export", "--case", "--out", tmp_path / "case", recorder.path)

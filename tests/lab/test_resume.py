@@ -3,15 +3,12 @@
 import hashlib
 import os
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
-from commands import SOUND, Cli
+from commands import SOUND, Cli, command
 from terminal import Terminal
 from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_ctrl_c, recorded, settings
 
@@ -30,18 +27,6 @@ from tests.simulated.bench import wait_until
 SHORT = settings("spine_lengths=[0.0, 3 cm, 6 cm]", "pressures=[80 kPa]", "unload=false", *PATIENT_SETTLE[1:])
 
 
-def started(rig: Path, folder: Path) -> subprocess.Popen[str]:
-    """A run in a process of its own."""
-    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(rig), *SHORT, "--out", str(folder)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-
-
-def wait_for(text: str, folder: Path, process: subprocess.Popen[str]) -> None:
-    """Until the journal says so."""
-    assert timing.wait(lambda: journal_says(text, folder) or process.poll() is not None, 120)
-    assert process.poll() is None, process.communicate()[0]
-
-
 def freed(virtual_lab: VirtualLab) -> None:
     """What a person does after a crash: look at the rig, bring it into the safe state, say that it is."""
     wait_until(lambda: lab("safe", "--clear", "--rig", virtual_lab.rig) == 0, 120)
@@ -49,10 +34,9 @@ def freed(virtual_lab: VirtualLab) -> None:
 
 def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: VirtualLab, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
-    process = started(real_lab.rig, broken)
-    wait_for('{"trial": 2, "step": 1}', broken, process)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    with command("run", "bending", "--rig", real_lab.rig, *SHORT, "--out", broken) as process:
+        assert timing.wait(lambda: journal_says('{"trial": 2, "step": 1}', broken) or process.poll() is not None, 120)
+        assert process.poll() is None, process.communicate()[0]
     (first,) = broken.glob("*.mcap")
     freed(real_lab)
     assert lab("run", "--resume", first, "--rig", real_lab.rig) in SOUND
@@ -79,35 +63,24 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
-    folder = tmp_path / "with blank"
+def test_a_stopped_run_goes_on_as_it_said_with_the_protocol_that_it_recorded_and_others_code_is_not_executed(
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, folder = tmp_path / "sine.py", tmp_path / "with blank"
+    own.write_text("from protocols import bending\n" + BENDING)
     meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
     said = ("--operator", "Ada", "--tag", "batch=3")
-    words = go_on(cli("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both)
+    words = go_on(cli("run", own, "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both)
+    own.unlink()
     (first,) = folder.glob("*.mcap")
     assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
+    with monkeypatch.context() as another:
+        another.setattr(os, "getuid", lambda: 12345)
+        assert "is not yours; give its protocol: lab run sine.py --resume" in cli(*words[1:], code=2).err
     assert lab(*words[1:], "--tag", "batch=4") in SOUND
     (second,) = set(folder.glob("*.mcap")) - {first}
     assert Recording.open(first).metadata[RECORD] == {"operator": "Ada", "batch": "3"}
     assert Recording.open(second).metadata[RECORD] == {"operator": "Ada", "batch": "4"}
-    assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
-
-
-def test_a_protocol_of_one_s_own_is_resumed_from_the_recording_and_others_code_is_not_executed(
-    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    own = tmp_path / "sine.py"
-    own.write_text("from protocols import bending\n" + BENDING)
-    folder = tmp_path / "runs"
-    meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
-    words = go_on(cli("run", own, "--rig", virtual_lab.rig, *SHORT, "--out", folder, code=1).both)
-    own.unlink()
-    (first,) = folder.glob("*.mcap")
-    with monkeypatch.context() as another:
-        another.setattr(os, "getuid", lambda: 12345)
-        assert "is not yours; give its protocol: lab run sine.py --resume" in cli(*words[1:], code=2).err
-    assert lab(*words[1:]) in SOUND
-    (second,) = set(folder.glob("*.mcap")) - {first}
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
     assert Recording.open(second).attachments["protocol.py"] == Recording.open(first).attachments["protocol.py"]
 

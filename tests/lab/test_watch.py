@@ -6,17 +6,15 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 import yaml
-from commands import Cli
+from commands import Cli, command
 from pages import events
 from virtual_lab import VirtualLab, recorded, settings
 
@@ -34,20 +32,6 @@ SHORT = settings("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]", *PATIENT_
 SAID = ["--operator", "Ada", "--specimen", "S 7", "--tag", "batch=<b>3</b>"]
 HOSTILE = "<img src=x onerror=alert(1)> [/red] \x1b[2J"
 SHOWN = "<img src=x onerror=alert(1)> [/red] \\x1b[2J"
-
-
-@contextmanager
-def command(*words: object) -> Iterator[subprocess.Popen[str]]:
-    """In a process of its own, killed at the end."""
-    program = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
-    try:
-        yield program
-    finally:
-        program.kill()
-        program.wait()
 
 
 def address(program: subprocess.Popen[str]) -> str:
@@ -223,20 +207,6 @@ def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(
         assert known["about"]["file"] == recording.name
         assert [r["tip"] for r in known["rows"]] == [list(e.row.tip or ()) for e in Recording.open(recording).trials]
     assert [len(known["rows"]) for known in parts] == [0, 3]
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--bind", "here"], "--bind here: must be an address"),
-        (["--bind", "192.0.2.1"], "cannot listen there"),
-        (["--port", "70000"], "--port 70000"),
-        (["--speed", "0"], "--speed 0"),
-        (["--speed", "nan"], "--speed nan"),
-    ],
-)
-def test_wrong_words_get_one_clear_error(run: tuple[dict[str, Any], Path], words: list[str], says: str, cli: Cli) -> None:
-    assert says in cli("watch", run[1], *words, code=2).flat_err
 
 
 # -- in a browser

@@ -23,6 +23,8 @@ from tests.lab.virtual_lab import VirtualLab, meanwhile, settings
 during = meanwhile
 BENDING = settings("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]")
 STIFFNESS = settings("spine_lengths=[0.1]", "steps=3", "min_samples=20", "zero_samples=20")
+UNUSED = {"bending": ("arm", "force"), "stiffness": ("mocap",)}
+"""Instruments that only take time to open in a run of this protocol."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class House(VirtualLab):
         for name, values in tables.items():
             data[name] = {**data.get(name, {}), **values}
         for name in without:
-            data["instruments"].pop(name)
+            data["instruments"].pop(name, None)
         self.rig.write_text(yaml.safe_dump(data))
 
     def change_instrument(self, name: str, **values: Any) -> None:
@@ -71,7 +73,8 @@ class House(VirtualLab):
             yield rig
 
     def lab(self, folder: Path, protocol: str, *words: str) -> int:
-        """`lab run` in this process; its exit code."""
+        """`lab run` in this process, with the instruments that it uses; its exit code."""
+        self.change(without=UNUSED[protocol])
         return main(["run", protocol, "--rig", str(self.rig), *words, "--out", str(folder)])
 
     def completed(self, folder: Path, protocol: str, *words: str) -> Recording:
@@ -81,7 +84,7 @@ class House(VirtualLab):
 
     def start(self, folder: Path, *more: str) -> subprocess.Popen[str]:
         """A bending run without arm and force in a process of its own, as soon as it has inflated the robot."""
-        self.change(without=("arm", "force"))
+        self.change(without=UNUSED["bending"])
         command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(self.rig), "--out", str(folder)]
         command += settings(*PATIENT_SETTLE, *more)
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

@@ -15,7 +15,6 @@ from recordings.campaign.replay import table_of
 def test_bodies_exchanged_in_mid_sweep_hold_the_run_up(
     house: House, tmp_path: Path, pair: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("arm", "force"))
     fakes, plant, cameras = house.fakes, house.fakes.plant, house.fakes.mocap
     assert cameras is not None
     fakes.on_confirm = lambda trouble: fakes.switch.end()

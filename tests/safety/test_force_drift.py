@@ -1,7 +1,6 @@
 """The force sensor's zero may move during a trial: what is constant drift is removed, anything else marks the trial."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +29,8 @@ def sensor(house: House) -> Ft300sFake:
     return part
 
 
-@contextmanager
-def drifting(house: House, zero: Callable[[float], float]) -> Iterator[None]:
-    """The sensor's zero moves along the push by `zero` (N) of the host seconds since the begin."""
+def drifted(house: House, folder: Path, zero: Callable[[float], float]) -> Table:
+    """The table of a run in which the sensor's zero moves along the push by `zero` (N) of the host seconds since its begin."""
     device, begin = sensor(house).device, timing.now()
     before = device.bias.copy()
 
@@ -41,18 +39,14 @@ def drifting(house: House, zero: Callable[[float], float]) -> Iterator[None]:
 
     try:
         with repeated(move, 0.005):
-            yield
+            assert house.lab(folder, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3)
     finally:
         device.bias[:] = before
-
-
-def one(folder: Path) -> Table:
     live = table_of(recorded(folder))
     (file,) = folder.glob("*.mcap")
-    assert [row.cells() for row in replay(file)] == [row.cells() for row in live]
-    assert [row.cells() for row in read_case([file]).table] == [row.cells() for row in live]
     write_csv(live, folder / "trials.csv")
-    assert [row.cells() for row in read_csv(folder / "trials.csv")] == [row.cells() for row in live]
+    for other in (replay(file), read_case([file]).table, read_csv(folder / "trials.csv")):
+        assert [row.cells() for row in other] == [row.cells() for row in live]
     return live
 
 
@@ -60,10 +54,7 @@ def one(folder: Path) -> Table:
 def test_a_constant_drift_is_removed_and_stands_in_the_row_and_without_one_nothing_is_marked(
     house: House, tmp_path: Path, rate: float
 ) -> None:
-    house.change(without=("mocap",))
-    with drifting(house, lambda t: rate * t):
-        assert house.lab(tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3)
-    table = one(tmp_path)
+    table = drifted(house, tmp_path, lambda t: rate * t)
     assert len(table) == 6
     assert not table.doubtful.any()
     assert np.all((np.abs(table["force_drift"]) > 0.1) == (rate != 0.0)) and np.all(table["force_drift"] * rate <= 0.0)
@@ -81,12 +72,9 @@ KINDS: dict[str, Callable[[float], float]] = {
 def test_a_zero_that_moves_in_another_way_marks_the_trial(
     house: House, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("mocap",))
     plant, begun = house.fakes.plant, []
     during(lambda: abs(plant.probe_force).max() > 1.0, lambda: begun.append(timing.now()))
-    with drifting(house, lambda t: KINDS[kind](timing.now() - begun[0]) if begun else 0.0):
-        assert house.lab(tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3)
-    table = one(tmp_path)
+    table = drifted(house, tmp_path, lambda t: KINDS[kind](timing.now() - begun[0]) if begun else 0.0)
     assert set(table["doubt"]) == {"drift"} and len(table) == 6
     assert np.all(table["force_drift"] < -0.3)
     assert "not at a constant pace" in "".join(capsys.readouterr())

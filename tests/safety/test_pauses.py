@@ -19,7 +19,7 @@ from recordings.file.reader import Recording
 def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     house: House, tmp_path: Path, accident: str, word: str
 ) -> None:
-    house.change(without=("arm", "force"), limits={"max_hidden": 0.5})
+    house.change(limits={"max_hidden": 0.5})
     vented: list[float] = []
 
     def repair(trouble: str) -> None:
@@ -45,7 +45,6 @@ STOPS = {"safeguard_stop": "safeguard stop", "emergency_stop": "emergency stop"}
 
 @pytest.mark.parametrize("stop", ["safeguard_stop", pytest.param("emergency_stop", marks=pytest.mark.long)])
 def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(house: House, tmp_path: Path, stop: str) -> None:
-    house.change(without=("mocap",))
     ur, plant = house.fakes.ur, house.fakes.plant
     assert ur is not None
     ur.backdoor("forget")
@@ -69,7 +68,7 @@ def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(hous
 def test_what_is_not_put_right_ends_the_run_with_its_cause(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("arm", "force"), limits={"max_hidden": 0.5, "resume_within": 1.0})
+    house.change(limits={"max_hidden": 0.5, "resume_within": 1.0})
     plant = house.fakes.plant
     during(lambda: float(plant.regulator.max()) > 50e3, lambda: house.fakes.accidents.begin("marker_lost"))
     assert house.lab(tmp_path, "bending", *BENDING) == 1

@@ -5,7 +5,6 @@ The robot has no spine: a length unit's own watchdog would have stopped it, and 
 
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,11 +18,13 @@ from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, played, write_rig
 from model.robot import Robot
 from sim_fakes.rig import FakeRig
+from tests.lab.commands import command
+from tests.lab.virtual_lab import settings
 
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
 LONG = 12.0
 """Host seconds; Motive forgets a client after 10."""
-SETTINGS = ("pressures=[30 kPa]", "chambers=[1]", "rate=10 kPa/s", *PATIENT_SETTLE)
+SHORT = settings("pressures=[30 kPa]", "chambers=[1]", "rate=10 kPa/s", *PATIENT_SETTLE)
 
 
 @pytest.fixture(scope="module")
@@ -76,15 +77,10 @@ def test_a_run_goes_on_after_a_standstill_without_a_person(
 ) -> None:
     three.fakes.troubles.clear()
     assert until(lambda: not mocap(three))
-    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(three.rig), "--out", str(tmp_path)]
-    command += [word for setting in SETTINGS for word in ("--set", setting)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    try:
+    with command("run", "bending", "--rig", three.rig, "--out", tmp_path, *SHORT) as process:
         assert until(lambda: phase(three) or process.poll() is not None, 120)
         stand_still(process, seconds)
         said, _ = process.communicate(timeout=300)
-    finally:
-        process.kill()
     assert process.returncode in (0, 3), said
     assert three.fakes.troubles == []
     (file,) = tmp_path.glob("*.mcap")

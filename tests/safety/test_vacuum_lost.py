@@ -31,7 +31,6 @@ def put_right(house: House) -> None:
 
 @pytest.mark.parametrize("level", [94e3, *(pytest.param(p, marks=pytest.mark.long) for p in (0.0, 60e3))])
 def test_a_bending_state_is_read_again_with_the_spine_jammed_anew(house: House, tmp_path: Path, level: float) -> None:
-    house.change(without=("arm", "force"))
     house.fakes.on_confirm = lambda trouble: vacuum(house, PLANNED)
     plant = house.fakes.plant
     during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 100e3, lambda: vacuum(house, level))
@@ -43,7 +42,6 @@ def test_a_bending_state_is_read_again_with_the_spine_jammed_anew(house: House, 
 
 
 def test_a_vacuum_that_comes_back_by_itself_between_two_states_is_noticed(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     plant = house.fakes.plant
 
     def lose() -> None:
@@ -62,7 +60,6 @@ def test_a_vacuum_that_comes_back_by_itself_between_two_states_is_noticed(house:
 def test_what_is_not_put_right_ends_the_run_without_a_state_of_a_soft_spine(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str], stuck: bool, says: str
 ) -> None:
-    house.change(without=("arm", "force"))
     plant, switch = house.fakes.plant, house.fakes.switch
     spoil = (lambda: switch.begin("gauge", "stuck")) if stuck else (lambda: vacuum(house, 0.0))
     during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3, spoil)
@@ -73,14 +70,12 @@ def test_what_is_not_put_right_ends_the_run_without_a_state_of_a_soft_spine(
 
 
 def test_a_spine_without_vacuum_is_read_as_planned(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     recording = house.completed(tmp_path, "bending", *BENDING, "--set", "vacuums=[0]")
     assert len(table_of(recording)) == 5 and not house.fakes.troubles
 
 
 @pytest.mark.parametrize("frozen", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(house: House, tmp_path: Path, frozen: bool) -> None:
-    house.change(without=("mocap",))
     fakes = house.fakes
     fakes.on_confirm = lambda trouble: put_right(house)
     spoil = lose if frozen else lambda house: vacuum(house, 0.0)
@@ -95,7 +90,6 @@ def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(house: House, tmp_
 
 
 def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     fakes = house.fakes
     fakes.on_confirm = lambda trouble: put_right(house)
     during(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, lambda: lose(house))
@@ -107,7 +101,6 @@ def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(house
 
 
 def test_a_spine_that_stays_soft_marks_its_trial(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     fakes = house.fakes
 
     def each_time() -> None:
