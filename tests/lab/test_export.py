@@ -3,7 +3,6 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,21 +70,21 @@ def test_a_case_has_no_streams(case: Path, tmp_path: Path, options: list[str], w
 PRECIOUS = "somebody's only copy"
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("export", "RECORDING"),
-        ("export", "RECORDING", "--case"),
-        ("export", "RECORDING", "--crate"),
-        ("export", "CASE", "RECORDING", "--crate"),
-        ("compare", "CASE"),
-        ("fit", "CASE"),
-        pytest.param(("effects",), marks=pytest.mark.long),
-    ],
-    ids=" ".join,
-)
-def test_no_file_is_written_through_a_link(words: Sequence[str], case: Path, tmp_path: Path, cli: Cli) -> None:
-    told = [{"RECORDING": RECORDING, "CASE": case}.get(word, word) for word in words]
+WRITING = [
+    "export RECORDING",
+    "export RECORDING --case",
+    "export RECORDING --crate",
+    "export CASE RECORDING --crate",
+    "compare CASE",
+    "fit CASE",
+    pytest.param("effects", marks=pytest.mark.long),
+]
+"""Commands that write into a folder."""
+
+
+@pytest.mark.parametrize("words", WRITING)
+def test_no_file_is_written_through_a_link(words: str, case: Path, tmp_path: Path, cli: Cli) -> None:
+    told = [{"RECORDING": RECORDING, "CASE": case}.get(word, word) for word in words.split()]
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     elsewhere.mkdir()
     cli(*told, "--out", out)
@@ -120,22 +119,17 @@ def test_recordings_of_one_name_are_exported_apart(tmp_path: Path, cli: Cli) -> 
     assert "is given twice" in said.flat_err and not (tmp_path / "twice").exists()
 
 
-@pytest.mark.parametrize(
-    "words",
-    [("export", "RECORDING"), ("export", "RECORDING", "--case"), ("export", "CASE", "--crate"),
-     ("compare", "CASE"), ("fit", "CASE"), pytest.param(("effects",), marks=pytest.mark.long), ("diagnose", "CASE")],
-    ids=" ".join,
-)  # fmt: skip
-def test_a_folder_that_holds_something_else_is_never_added_to(words: Sequence[str], case: Path, tmp_path: Path, cli: Cli) -> None:
-    told = [{"RECORDING": RECORDING, "CASE": case}.get(word, word) for word in words]
-    out, option = tmp_path / "out", "--protocols" if words[0] == "diagnose" else "--out"
+@pytest.mark.parametrize("words", [*WRITING, "diagnose CASE"])
+def test_a_folder_that_holds_something_else_is_never_added_to(words: str, case: Path, tmp_path: Path, cli: Cli) -> None:
+    verb, *told = ({"RECORDING": RECORDING, "CASE": case}.get(word, word) for word in words.split())
+    out, option = tmp_path / "out", "--protocols" if verb == "diagnose" else "--out"
     out.mkdir()
     (out / "diagnosis.json").write_text(PRECIOUS)
-    said = cli(*told, option, out, code=2).flat_err
+    said = cli(verb, *told, option, out, code=2).flat_err
     assert f"{out}: holds diagnosis.json, which would remain" in said and "--replace" in said
     assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == [PRECIOUS]
-    if words[0] in ("export", "effects"):
-        cli(*told, option, out, "--replace")
+    if verb in ("export", "effects"):
+        cli(verb, *told, option, out, "--replace")
         assert {"diagnosis.json"} != {path.name for path in out.iterdir()}
         assert not any(path.read_bytes() == PRECIOUS.encode() for path in out.iterdir())
         assert [path.name for path in tmp_path.iterdir()] == ["out"]
