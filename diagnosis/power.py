@@ -37,14 +37,13 @@ from .answer.result import Proposal
 from .arrays import Array
 from .data.case import Case, states
 from .errors import BadCase
-from .inference.budget import BudgetPart, after_calibration
-from .inference.candidate import Candidate
+from .inference.budget import after_calibration
 from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
 from .inference.jacobian import Columns
 from .inference.linear import Linear
 from .inference.posterior import hypothesis_prior
 from .inference.prepare import parts, prepare
-from .inference.problem import Problem, leading
+from .inference.problem import leading
 from .inference.reading_noise import DEFAULT_NOISE
 from .inference.search import Search
 from .judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
@@ -63,15 +62,17 @@ OTHER_LAWS = {"clean": 0.82, "cluttered": 0.71}
 46 of 106 where 65.1 were (in-sample: ten worlds without thrust on the walls, whole sweep, read while ramping)."""
 
 
-@dataclass(frozen=True)
 class Planned:
     """The linear problem of a design, without any effect."""
 
-    problem: Problem
-    none: Candidate
-    where: tuple[BudgetPart, ...]
-    effects: tuple[str, ...]
-    """That can be drawn."""
+    def __init__(self, case: Case, catalogue: Mapping[str, EffectSpec]) -> None:
+        """Of a campaign, measured or foreseen; `effects` are those that can be drawn. Raises `BadCase`."""
+        prepared = prepare(case.robot, states(case)[0], catalogue=catalogue)
+        self.problem, self.where = prepared.problem, parts(prepared)
+        self.none = next(c for c in Search(self.problem).tried if not c.with_tolerances)
+        p, own = self.problem.parameters, self.linear.effects
+        # a shorter whitened response cannot be drawn
+        self.effects = tuple(e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0)
 
     @cached_property
     def linear(self) -> Linear:
@@ -284,16 +285,6 @@ def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int =
     return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **columns_read}))
 
 
-def of_case(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
-    """The linear problem of a campaign, measured or foreseen. Raises `BadCase`."""
-    prepared = prepare(case.robot, states(case)[0], catalogue=catalogue)
-    none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
-    p, own = prepared.problem.parameters, none.fit.linear(prepared.problem).effects
-    # a shorter whitened response cannot be drawn
-    seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0]
-    return Planned(prepared.problem, none, parts(prepared), tuple(seen))
-
-
 def additions(
     case: Case,
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
@@ -302,7 +293,7 @@ def additions(
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[Addition, ...]:
     """What each experiment of the menu would bring beside a plan, most for its time first, by `each` worlds of every cause."""
-    right_before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
+    right_before = power(Planned(case, catalogue), tuple(catalogue), each, seed).right
     menu, chambers = candidate_experiments(case.robot, states(case)[0]), len(case.robot.actuators.azimuths_deg)
     brought = []
     for k, e in enumerate(menu):
@@ -313,7 +304,7 @@ def additions(
             continue
         later = more.replaced({"t": more["t"] + case.table["t"].max() + 60.0})
         extended = Case(case.robot, Table.joined([case.table, later]))
-        right_after = power(of_case(extended, catalogue), tuple(catalogue), each, seed).right
+        right_after = power(Planned(extended, catalogue), tuple(catalogue), each, seed).right
         brought.append(Addition(e, right_after, right_after - right_before))
     progress(1.0)
     return tuple(sorted(brought, key=lambda a: -a.per_hour))

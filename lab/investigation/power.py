@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Column
 
 from diagnosis.data.case import Case, states
-from diagnosis.power import OTHER_LAWS, Addition, Planned, Power, additions, foreseen, of_case, power
+from diagnosis.power import OTHER_LAWS, Addition, Planned, Power, additions, foreseen, power
 from model.effects.shows import possible
 from model.robot import Robot
 from protocols.planned import planned_rows
@@ -44,7 +44,7 @@ def run(a: argparse.Namespace) -> Result:
     with Screen("drawing worlds") as screen:
         case = case_of(a.seed)
         parts = 3 if more else 2
-        design = of_case(case, weighed)
+        design = Planned(case, weighed)
         powers: dict[str, Power] = {}
         for k, (name, clutter) in enumerate(CLUTTERS.items()):
             screen.say(f"{name}: {a.worlds} worlds of each of {len(weighed)} causes, part {k + 1} of {parts}")

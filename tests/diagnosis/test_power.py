@@ -9,7 +9,7 @@ from diagnosis.answer.experiments import columns
 from diagnosis.data.case import Case
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
 from diagnosis.judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE
-from diagnosis.power import Planned, additions, drawn, foreseen, of_case, power, probabilities
+from diagnosis.power import Planned, additions, drawn, foreseen, power, probabilities
 from model.effects.catalogue import CATALOGUE
 from tests.diagnosis.test_case import ROBOT
 
@@ -27,7 +27,7 @@ def plan() -> Case:
 
 @pytest.fixture(scope="module")
 def design(plan: Case) -> Planned:
-    return of_case(plan, EFFECTS)
+    return Planned(plan, EFFECTS)
 
 
 def test_a_case_is_foreseen_state_by_state(plan: Case) -> None:
