@@ -22,29 +22,26 @@ from .levels import distinct, levels
 
 
 def drift(states: Campaign) -> Iterator[Finding]:
-    """A finding if tip and markers of states of the robot at rest move over the trials beyond chance and beyond what repeats
-    differ by besides."""
+    """A finding if tip or markers of a robot at rest move over the trials, beyond chance and beyond the scatter of repeats."""
     own = states.take(states.highest <= states.pressure_gap)
     trial, order = np.unique(own.trial, return_inverse=True)
     count = len(trial)
     if count < judgement.DRIFT_TRIALS:
         return
-    loads = (levels(along_axis, gaps.FORCE_GAP) for along_axis in own.trials.tip_force.T)
-    mass = levels(own.trials.get("tip_mass", 0.0), gaps.MASS_GAP)
+    mass, forces = own.trials.get("tip_mass", 0.0), own.trials.tip_force.T
+    loads = levels(mass, gaps.MASS_GAP), *(levels(along_axis, gaps.FORCE_GAP) for along_axis in forces)
     of_body = levels(own.spine_length, gaps.SPINE_GAP), levels(own.roll, gaps.ROLL_GAP), own.branch.astype(np.int64)
-    setting = distinct(*of_body, mass, *loads)
+    setting = distinct(*of_body, *loads)
     places = np.concatenate([own.tip[:, None], own.trials.markers], axis=1)
     u = np.linspace(0.0, 1.0, count)
     (moved, squares, left), rng = _fit(places, setting, u[order]), np.random.default_rng(0)
     others = [_fit(places, setting, u[rng.permutation(count)][order])[1] for _ in range(judgement.DRIFT_ORDERS)]
-    if np.mean(np.array(others) >= squares) > judgement.DRIFT_CHANCE:
+    size = float(np.linalg.norm(moved, axis=1).max())
+    if np.mean(np.array(others) >= squares) > judgement.DRIFT_CHANCE or size < judgement.DRIFT_SCATTERS * left:
         return
     others_than = (order != k for k in range(count))
     apart = np.array([_fit(places[kept], setting[kept], u[order][kept])[0] for kept in others_than])
     sd = np.sqrt((count - 1) / count * ((apart - apart.mean(axis=0)) ** 2).sum(axis=0))  # jackknife
-    size = float(np.linalg.norm(moved, axis=1).max())
-    if size < judgement.DRIFT_SCATTERS * left:
-        return
     first, last = (own.time[order == k].min() for k in (0, count - 1))
     hours = f" in {(last - first) / 3600:.1f} h" if last - first > 0 else ""
     names = ["the tip", *(f"marker {k}" for k in range(1, len(moved)))]

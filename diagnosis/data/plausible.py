@@ -121,10 +121,9 @@ def _highest(robot: Robot, tips: Table) -> str:
     unit, pascal, looks = robot.actuators.words.unit, robot.actuators.words.pascal, ""
     if robot.chambers is not None:
         ratio = (robot.max_pressure or USUAL_PRESSURE) / size[state, column]
-        away = {r: abs(math.log(r / ratio)) for r in misread(robot, tips.mapped)}
-        near = [r for r in sorted(away, key=away.__getitem__) if away[r] < max(math.log(3.0), 1.001 * min(away.values()))]
+        times, names = min(misread(robot, tips.mapped).items(), key=lambda of_ratio: abs(math.log(of_ratio[0] / ratio)))
         unit, pascal = "Pa gauge", 1.0
-        looks = f", it looks like {' or '.join(f'{misread(robot, tips.mapped)[r][0]} ({in_si(r)})' for r in near)}"
+        looks = f", it looks like {' or '.join(names)} ({in_si(times)})"
     return (
         f"{tips.place(state)}, column p{column + 1}: {tips.pressures[state, column] / pascal:g} {unit}, must be at most "
         f"{HIGHEST_PRESSURE / pascal:g} {unit}: check its unit{looks}"
