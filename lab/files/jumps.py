@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from diagnosis.arrays import rows_by
 from diagnosis.data.campaign import Campaign
@@ -249,12 +248,10 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
             away = f"{reach[i]:.3g} m from the base, farther than a body of {length:g} m reaches: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
         for repeats in (seen[rows] for rows in rows_by(setting[seen]) if rows.size > 1):
-            trial = own.trial[repeats]
-            most = int(np.unique(trial, return_counts=True)[1].max())
-            several = most < len(repeats)  # what lasts for a trial is no mistake in one of its states
-            distance, other = KDTree(place[repeats]).query(place[repeats], k=most + 1 if several else 2)
-            own_trial = trial[other] == trial[:, None] if several else other == np.arange(len(repeats))[:, None]
-            off[repeats] = np.where(own_trial, np.inf, distance).min(axis=1)
+            for i in repeats.tolist():
+                others = repeats[own.trial[repeats] != own.trial[i]]  # what lasts for a trial is no mistake in one of its states
+                others = others if others.size else repeats[repeats != i]
+                off[i] = np.linalg.norm(place[others] - place[i], axis=1).min()
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
         far = np.flatnonzero(off > max(TIMES_SCATTER * usual, STRAY * length))
         for i in far.tolist() if len(far) <= FEW * len(own) else ():
