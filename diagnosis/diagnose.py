@@ -184,10 +184,8 @@ def _prepared(case: Case, options: Options) -> tuple[Prepared, Finding | None, E
     """The problem of a case; the thrust and the edits of robot.yaml that were settled before, findings on the table, and the
     states that are held out, edited alike."""
     campaign, findings = states(case)
-    held_out = None
-    if options.holdout is not None:
-        held_out, on_robots = other_campaign(case, options.holdout)
-        findings += on_robots
+    held_out, on_robots = other_campaign(case, options.holdout) if options.holdout is not None else (None, ())
+    findings += on_robots
     baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
     settled, edited = None, Edited(case.robot, campaign)
     if baseline is None:

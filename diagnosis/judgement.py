@@ -56,9 +56,9 @@ COMPONENT_LOG_SD = 0.7
 COMPONENT_RANGE = 20.0
 """Largest factor by which a noise component is larger or smaller than its default."""
 DRIFT_TRIALS = 5
-"""Trials from which on their order can show a drift: fewer have too few orders."""
-DRIFT_ORDERS, DRIFT_CHANCE = 199, 0.005
-"""Other orders of the trials that are tried, and the share of them that may fit as well as theirs."""
+"""Fewest trials in which a drift is looked for: the order of fewer says too little."""
+DRIFT_ORDERS = 199
+"""Random orders of the trials that are tried; a drift (p < 0.005) fits their own order better than all of these."""
 DRIFT_SCATTERS = 2.0
 """Least drift, in rms distances of repeats without it: less is lost in their scatter."""
 DRIFT_TOGETHER = 0.35

@@ -135,7 +135,7 @@ def headline(
     if beyond:
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
     drift = next((f for f in d.findings if f.code == "drift"), None)
-    if drift is not None and a.verdict != "effect" or drift is not None and a.effects == (THRUST,):
+    if drift is not None and (a.verdict != "effect" or a.effects == (THRUST,)):
         return f"Unclear: the robot at rest drifts by {drift.values['mm']:.1f} mm over the trials; a cause may be hidden."
     closes, changed = f"Calibration closes {percent(by_calibration or 0.0)} %", f": {calibrated}" if calibrated else ""
     calibration_closes = "" if by_calibration is None else f"{closes} of the gap{f' ({calibrated})' if calibrated else ''}"

@@ -16,9 +16,8 @@ import numpy as np
 from .. import judgement
 from ..arrays import Array, Ints, rms
 from ..findings import Finding, finding
-from . import levels as gaps
 from .campaign import Campaign
-from .levels import distinct, levels
+from .levels import FORCE_GAP, distinct, levels, loads
 
 
 def drift(states: Campaign) -> Iterator[Finding]:
@@ -28,16 +27,14 @@ def drift(states: Campaign) -> Iterator[Finding]:
     count = len(trial)
     if count < judgement.DRIFT_TRIALS:
         return
-    mass, forces = own.trials.get("tip_mass", 0.0), own.trials.tip_force.T
-    loads = levels(mass, gaps.MASS_GAP), *(levels(along_axis, gaps.FORCE_GAP) for along_axis in forces)
-    of_body = levels(own.spine_length, gaps.SPINE_GAP), levels(own.roll, gaps.ROLL_GAP), own.branch.astype(np.int64)
-    setting = distinct(*of_body, *loads)
+    forces = (levels(along_axis, FORCE_GAP) for along_axis in own.trials.tip_force.T)
+    setting = distinct(loads(own.trials), own.branch, *forces)
     places = np.concatenate([own.tip[:, None], own.trials.markers], axis=1)
     u = np.linspace(0.0, 1.0, count)
     (moved, squares, left), rng = _fit(places, setting, u[order]), np.random.default_rng(0)
-    others = [_fit(places, setting, u[rng.permutation(count)][order])[1] for _ in range(judgement.DRIFT_ORDERS)]
+    by_chance = max(_fit(places, setting, u[rng.permutation(count)][order])[1] for _ in range(judgement.DRIFT_ORDERS))
     size = float(np.linalg.norm(moved, axis=1).max())
-    if np.mean(np.array(others) >= squares) > judgement.DRIFT_CHANCE or size < judgement.DRIFT_SCATTERS * left:
+    if by_chance >= squares or size < judgement.DRIFT_SCATTERS * left:
         return
     others_than = (order != k for k in range(count))
     apart = np.array([_fit(places[kept], setting[kept], u[order][kept])[0] for kept in others_than])

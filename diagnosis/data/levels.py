@@ -43,6 +43,12 @@ def by_frequency(*columns: NDArray[np.generic]) -> Ints:
     return rank[index].astype(np.int64)
 
 
+def loads(states: Table) -> Ints:
+    """(n, 4) level of each state's spine length, mass, roll and vacuum: readings of one setting have one level."""
+    gaps = {"spine_length": SPINE_GAP, "tip_mass": MASS_GAP, "roll_deg": ROLL_GAP, "vacuum": VACUUM_GAP}
+    return np.column_stack([levels(states.get(name, 0.0), gap) for name, gap in gaps.items()])
+
+
 def pressure_gap(trials: Table) -> float:
     """Pa within which pressures count as one setting: 3 kPa, less where the whole range is small."""
     if not len(trials):

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from ..arrays import Array, Ints, Mask
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
@@ -101,10 +100,9 @@ def eigenfunctions(place: Array, most: int | None = None) -> Array:
     """(n, m) leading eigenfunctions of the kernel at places (n, d) in correlation lengths, the last the largest, at most this
     many; coefficients of unit variance draw a process of size 1. Of more places than `MOST_PLACES` by Nystroem's method."""
     distinct, index = np.unique(np.round(place, DECIMALS), axis=0, return_inverse=True)
-    some = distinct
-    if len(distinct) > MOST_PLACES:
-        some = distinct[np.sort(np.random.default_rng(0).choice(len(distinct), MOST_PLACES, replace=False))]
-    value, vector = np.linalg.eigh(np.exp(-0.5 * cdist(some, some, "sqeuclidean")))
+    chosen = np.sort(np.random.default_rng(0).permutation(len(distinct))[:MOST_PLACES])
+    square = (distinct**2).sum(axis=1)
+    kernel = np.exp(distinct @ distinct[chosen].T - 0.5 * np.add.outer(square, square[chosen]))
+    value, vector = np.linalg.eigh(kernel[chosen])
     kept = np.flatnonzero(value > SMALLEST_SHARE * value.max())[-(most or len(value)) :]
-    across = np.exp(-0.5 * cdist(distinct, some, "sqeuclidean"))
-    return np.asarray((across @ (vector[:, kept] / np.sqrt(value[kept])))[index.reshape(-1)])
+    return np.asarray((kernel @ (vector[:, kept] / np.sqrt(value[kept])))[index.reshape(-1)])

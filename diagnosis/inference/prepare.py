@@ -200,8 +200,7 @@ def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpe
 
 def _face_obstacle(forward: ForwardModel, states: Campaign, labels: Labels, observed: Array, left: Array, turn: float) -> float:
     """Turn the model to the likeliest side of an obstacle that robot.yaml does not place; return how far from there it may stand
-    (rad, at least `turn`): the circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|, of how
-    far tips p lie from those at rest.
+    (rad, at least `turn`): the circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|, of tips p from rest.
 
     On that side tips get less far, by what calibration leaves (`left` (n,)), in proportion to how much farther they would get
     than half as far as any.

@@ -16,7 +16,7 @@ import numpy as np
 from diagnosis.arrays import rows_by
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of, finite
-from diagnosis.data.levels import FORCE_GAP, MASS_GAP, REST, ROLL_GAP, SPINE_GAP, VACUUM_GAP, distinct, levels
+from diagnosis.data.levels import FORCE_GAP, REST, SPINE_GAP, distinct, levels, loads
 from diagnosis.data.plausible import FARTHEST
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -33,12 +33,6 @@ def at_rest(pressures: Array) -> Mask:
     high = np.where(finite, pressures, -np.inf).max(axis=0, initial=-np.inf)
     above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)
     return np.asarray(above <= 0.03 * max(float((high - low).max(initial=0.0)), 1e-300))
-
-
-def loads(states: Table) -> Ints:
-    """(n, 4) level of each state's spine length, mass, roll and vacuum: readings of one setting have one level."""
-    gaps = {"spine_length": SPINE_GAP, "tip_mass": MASS_GAP, "roll_deg": ROLL_GAP, "vacuum": VACUUM_GAP}
-    return np.column_stack([levels(states.get(name, 0.0), gap) for name, gap in gaps.items()])
 
 
 STILL = 0.1

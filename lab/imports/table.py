@@ -237,8 +237,8 @@ def conclude(
     places = [f"{name}, {place(int(row_of[row]))}" for (name, place, row_of), row in ((files[file], row) for file, row in rows)]
     slipped = dict(slips(states, robot))
     notes += (f"{places[state]}: {text}" for state, text in slipped.items())
-    states, whole_numbers = without([(state, 0) for state in slipped], states)
-    rows, places = list(compress(rows, whole_numbers)), list(compress(places, whole_numbers))
+    states, kept_states = without([(state, 0) for state in slipped], states)
+    rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     found = list(jumps(states, float(straight[2]), robot.actuators.words))
     notes += _jump_notes(found, places)
     contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]

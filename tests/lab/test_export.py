@@ -119,7 +119,7 @@ def test_recordings_of_one_name_are_exported_apart(tmp_path: Path, cli: Cli) -> 
     assert "is given twice" in said.flat_err and not (tmp_path / "twice").exists()
 
 
-@pytest.mark.parametrize("words", [*WRITING, "diagnose CASE"])
+@pytest.mark.parametrize("words", [*WRITING, "export CASE --crate", "diagnose CASE"])
 def test_a_folder_that_holds_something_else_is_never_added_to(words: str, case: Path, tmp_path: Path, cli: Cli) -> None:
     verb, *told = ({"RECORDING": RECORDING, "CASE": case}.get(word, word) for word in words.split())
     out, option = tmp_path / "out", "--protocols" if verb == "diagnose" else "--out"
