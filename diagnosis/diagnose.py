@@ -124,7 +124,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
     drifts = tuple(drift(edited.states.take(~edited.states.pushed)))
-    doubtful = bool(far or edited.changes or tense or drifts)
+    assumed = (settled,) if settled is not None and settled.severity == "critical" else ()
+    doubtful = bool(far or edited.changes or tense or drifts or assumed)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
@@ -132,7 +133,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(
-            causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense, *drifts), len(alone))
+            causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense, *drifts, *assumed), len(alone))
         )
     answer = Diagnosis(
         statement="",
@@ -170,7 +171,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
     if edited.with_order:
         section = verdict.beside(section, ORDER, edited.robot)
-    if settled is not None and section.verdict == "none":
+    if settled is not None and not assumed and section.verdict == "none":
         section, text = verdict.beside(section, THRUST, edited.robot), f"{settled}. Beyond that: {text}"
     answer = replace(answer, statement=text, attribute=section)
     changed = edited.named or sentences.changed_by(answer)

@@ -52,6 +52,11 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{fit} moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. "
             "Re-measure these values or widen their uncertainty; until then no cause is reported as certain"
         ),
+        "thrust_likely": (
+            "robot.yaml does not say whether cap or walls take the thrust of the {actuators}. After calibration {walls_mm:.2f} "
+            "mm rms remain with the walls, {cap_mm:.2f} mm with the cap, which does not settle it. The walls are assumed. Write "
+            "`thrust: walls` or `thrust: cap` and diagnose again; until then no cause is reported as certain"
+        ),
         "drift": (
             "from the first to the last of {trials} trials{hours} the robot at rest drifts by {mm:.1f} mm: {points}; {what}. "
             "Until this is settled no cause is certain, as calibration may absorb it. Fix cameras and base, let the robot warm "

@@ -119,9 +119,9 @@ EDIT_REFINED, EDIT_FOLLOWED = 7, 3
 """Edits fitted to convergence, and those that others are tried beside."""
 EDIT_SAMPLES = 16
 """Tables whose judgement is remembered: each is judged when it is read, and again by what is done with it."""
-WALLS_GAIN, ON_WALLS = 0.3, 0.9
-"""Share of the rms with thrust on the cap below which the side walls take it, and share on the walls from which they take all of
-it: less is no convention but an effect."""
+WALLS_GAIN, LIKELY_WALLS_GAIN, ON_WALLS = 0.3, 0.8, 0.9
+"""Shares of the rms with thrust on the cap up to which it is settled, and likely, that the side walls take it: what else acts
+hides it. Share on the walls from which they take all of it: less is no convention but an effect."""
 
 # ------------------------------------------------------------------ search: what is followed
 FIT_TOLERATED_SIZE, FIT_DISCREPANCY_SIZE = 0.1, 0.25

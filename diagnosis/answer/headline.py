@@ -134,9 +134,11 @@ def headline(
         return f"Too little data to name a cause{': ' + a.missing[0] if a.missing else ''}."
     if beyond:
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
-    drift = next((f for f in d.findings if f.code == "drift"), None)
-    if drift is not None and (a.verdict != "effect" or a.effects == (THRUST,)):
-        return f"Unclear: the robot at rest drifts by {drift.values['mm']:.1f} mm over the trials; a cause may be hidden."
+    unsettled = {f.code: f.values for f in d.findings} if a.verdict != "effect" or a.effects == (THRUST,) else {}
+    if "drift" in unsettled:
+        return f"Unclear: the robot at rest drifts by {unsettled['drift']['mm']:.1f} mm over the trials; a cause may be hidden."
+    if "thrust_likely" in unsettled:
+        return d.words.fill("Unclear: robot.yaml must say whether cap or walls take the thrust of the {actuators}.")
     closes, changed = f"Calibration closes {percent(by_calibration or 0.0)} %", f": {calibrated}" if calibrated else ""
     calibration_closes = "" if by_calibration is None else f"{closes} of the gap{f' ({calibrated})' if calibrated else ''}"
     other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"

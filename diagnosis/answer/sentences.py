@@ -254,6 +254,7 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
 def numbers_beyond(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> list[Finding]:
     """The numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
     names = {s: n for s, n in (("youngs_modulus", "bending_stiffness"), ("density", "mass_per_length")) if getattr(robot, n)}
+    names["area"] = "area_factor"
     each = []
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))

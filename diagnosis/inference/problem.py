@@ -206,8 +206,8 @@ class FitParameters:
         return columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0] if free.size else columns
 
     def tense(self, theta: Array) -> dict[int, float]:
-        """Tolerances of the whole set-up that lie more than `TENSE_SD` from 0 at parameters (k,), by index."""
-        far = ~self.of_effect & ~self.calibration & ~self.recurs & (np.abs(theta) > TENSE_SD * self.sd)
+        """Calibration and tolerances of the whole set-up that lie more than `TENSE_SD` from 0 at parameters (k,), by index."""
+        far = ~self.of_effect & ~self.recurs & (np.abs(theta) > TENSE_SD * self.sd)
         return {i: float(theta[i]) for i in np.flatnonzero(far).tolist()}
 
     def mask(self, chosen: tuple[str, ...]) -> Mask:

@@ -1,7 +1,8 @@
 """What takes the chambers' thrust, settled before a diagnosis where robot.yaml does not say it: textbooks differ.
 
 Both conventions are fitted with the area factor, the tolerances and effects that may act as well. That the side walls take it is
-settled where this leaves far less; the diagnosis then looks for what is beyond it.
+settled where this leaves far less, and likely where it leaves less with all of the thrust on them and an area no farther from
+robot.yaml's; the diagnosis then looks for what is beyond it.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from ..data.campaign import Campaign, spread_over
 from ..edits.search import Edited, edit_first
 from ..errors import BadCase
 from ..findings import Finding, finding
-from ..judgement import FIT_DISCREPANCY_SIZE, ON_WALLS, WALLS_GAIN
+from ..judgement import FIT_DISCREPANCY_SIZE, LIKELY_WALLS_GAIN, ON_WALLS, WALLS_GAIN
 from .fit import fit
-from .prepare import prepare
+from .prepare import AREA, prepare
 from .reading_noise import USUAL
 from .starts import recalibrated
 
@@ -46,8 +47,8 @@ def settled_and_edited(
 
 
 def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> tuple[Robot, Finding] | None:
-    """The robot with the chambers' thrust on its side walls, where that leaves far less of the tips than thrust on the cap does,
-    and the note on it; None where it does not, robot.yaml says which, or the diagnosis does not weigh it (`effects`)."""
+    """The robot with the chambers' thrust on its side walls, where that is settled or likely, and the finding on it; None where
+    it is neither, robot.yaml says which, or the diagnosis does not weigh it (`effects`)."""
     with_tip = states.take(~states.pushed)
     if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
         return None
@@ -59,18 +60,21 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     parameters = p.problem.parameters
     other_effects = tuple(e for e in BESIDE if e in parameters.ids)
 
-    def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, np.ndarray]:
+    def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, dict[str, float]]:
         """rms (m) of the tip with these effects free, and the parameters fitted."""
         best = fit(p.problem, parameters.prior_of(named), FIT_DISCREPANCY_SIZE, start, ROUNDS)
-        return rms(p.gap(p.problem.observed - best.predicted)), best.theta
+        return rms(p.gap(p.problem.observed - best.predicted)), dict(zip(parameters.names, best.theta.tolist(), strict=True))
 
-    cap, _ = fitted(other_effects, np.zeros_like(parameters.sd))
+    cap, on_cap = fitted(other_effects, np.zeros_like(parameters.sd))
     start = np.array([float(name == f"{THRUST}.share") for name in parameters.names])
-    walls, theta = fitted((THRUST, *other_effects), recalibrated(p.problem, start))
-    found = dict(zip(parameters.names, theta.tolist(), strict=True))
-    if walls > WALLS_GAIN * cap or found[f"{THRUST}.share"] < ON_WALLS:
+    walls, found = fitted((THRUST, *other_effects), recalibrated(p.problem, start))
+    settled, as_stated = walls <= WALLS_GAIN * cap, abs(found[AREA]) <= abs(on_cap[AREA])
+    if found[f"{THRUST}.share"] < ON_WALLS or not (settled or (as_stated and walls <= LIKELY_WALLS_GAIN * cap)):
         return None
     shapes = {name: found[f"{THRUST}.{name}"] for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    return with_walls, finding("thrust_settled", robot.actuators.words, walls_mm=1e3 * walls, cap_mm=1e3 * cap)
+    remain = {"walls_mm": 1e3 * walls, "cap_mm": 1e3 * cap}
+    if settled:
+        return with_walls, finding("thrust_settled", robot.actuators.words, **remain)
+    return with_walls, finding("thrust_likely", robot.actuators.words, **remain)

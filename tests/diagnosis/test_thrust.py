@@ -63,6 +63,16 @@ def test_a_fit_settles_it_too_and_writes_it_down(turned: Measured) -> None:
     assert calibrated.robot == stated.robot and str(sheet(calibrated).title).endswith(", thrust: walls")
 
 
+def test_thrust_that_an_obstacle_hides_is_likely_and_no_cause_is_certain_until_it_is_stated() -> None:
+    touching = measured(3, 2, FEW, contact__stiffness=100.0, contact__distance=-0.02, **ON_WALLS)
+    found = diagnose(touching, quick(RIVALS | {"contact": CATALOGUE["contact"]}))
+    (first,) = [f for f in found.findings if f.code == "thrust_likely"]
+    assert first.severity == "critical" and 0.3 < first.values["walls_mm"] / first.values["cap_mm"] < 0.8
+    assert found.attribute.effects == ("contact",) and found.attribute.p == "p ≤ 0.80"
+    left = diagnose(touching, quick(RIVALS))
+    assert left.headline == "Unclear: robot.yaml must say whether cap or walls take the thrust of the chambers."
+
+
 def test_what_robot_yaml_states_or_the_data_do_not_ask_for_is_left(turned: Measured) -> None:
     own, _ = states(turned)
     for thrust in ("cap", "walls"):

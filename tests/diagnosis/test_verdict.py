@@ -282,13 +282,18 @@ def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
 
 
 def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_is_certain() -> None:
-    p = parameters(parameter("contact", "contact"), parameter("youngs_modulus", sd=0.02), parameter("density", sd=0.1))
-    moved = p.tense(np.array([9.0, -0.12, 0.7]))
-    assert moved == {1: -0.12, 2: 0.7}
+    area = replace(parameter("area", sd=0.1), group="calibration")
+    p = parameters(parameter("contact", "contact"), parameter("youngs_modulus", sd=0.02), parameter("density", sd=0.1), area)
+    moved = p.tense(np.array([9.0, -0.12, 0.7, -0.57]))
+    assert moved == {1: -0.12, 2: 0.7, 3: -0.57}
     robot = load(paper_robot(), Robot)
     stiff = robot.model_copy(update={"bending_stiffness": 0.1})
     assert str(numbers_beyond(p, moved, stiff)[0]).startswith("bending_stiffness 12 % below")
-    said = ["youngs_modulus 12 % below robot.yaml (2 %)", "density 70 % above robot.yaml (10 %)"]
+    said = [
+        "youngs_modulus 12 % below robot.yaml (2 %)",
+        "density 70 % above robot.yaml (10 %)",
+        "area_factor 57 % below robot.yaml (10 %)",
+    ]
     assert [str(number) for number in numbers_beyond(p, moved, robot)] == said
     sure = decide(SURE, True)
     assert conclude(sure, True, (), tense=True) == "one of several" and conclude(sure, True, ()) == "cause"
