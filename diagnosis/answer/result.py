@@ -388,8 +388,8 @@ class Diagnosis(Shown):
     """The conclusion in at most 20 plain words; empty in answers of earlier versions."""
 
     def texts(self, *severities: Severity) -> list[str]:
-        """Texts of the findings of these severities."""
-        return [f.text for f in self.findings if f.severity in severities]
+        """Texts of the findings of these severities, but for one that the statement begins with."""
+        return [f.text for f in self.findings if f.severity in severities and not self.statement.startswith(f.text)]
 
     @property
     def concerns(self) -> list[str]:

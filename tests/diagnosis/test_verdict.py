@@ -153,6 +153,7 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
     walls = replace(answer(attribute("effect", "cause", {}, "chamber_thrust", p=0.92)), findings=settled)
     said = headline(walls, CATALOGUE, by_calibration=0.99, calibrated="a body 86 % softer")
     assert said == "Calibration closes 99 % of the gap; no other cause is needed (p = 0.92). Write `thrust: walls`."
+    assert walls.texts("note") == [str(settled[0])] and replace(walls, statement=f"{settled[0]}. So").texts("note") == []
     sure = replace(answer(attribute("effect", "cause", {}, "base_tilt", p=0.98)), calibration=Calibration(1.0, 1.0, 0.86))
     assert headline(sure, CATALOGUE, None, 0.97, "a body 14 % softer").endswith("(p = 0.98), beside a body 14 % softer.")
 
