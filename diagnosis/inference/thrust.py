@@ -74,7 +74,7 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     shapes = {name: found[f"{THRUST}.{name}"] for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    remain = {"walls_mm": 1e3 * walls, "cap_mm": 1e3 * cap}
+    words, walls_mm, cap_mm = robot.actuators.words, 1e3 * walls, 1e3 * cap
     if settled:
-        return with_walls, finding("thrust_settled", robot.actuators.words, **remain)
-    return with_walls, finding("thrust_likely", robot.actuators.words, **remain)
+        return with_walls, finding("thrust_settled", words, walls_mm=walls_mm, cap_mm=cap_mm)
+    return with_walls, finding("thrust_likely", words, walls_mm=walls_mm, cap_mm=cap_mm)
