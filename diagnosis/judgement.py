@@ -119,6 +119,9 @@ EDIT_REFINED, EDIT_FOLLOWED = 7, 3
 """Edits fitted to convergence, and those that others are tried beside."""
 EDIT_SAMPLES = 16
 """Tables whose judgement is remembered: each is judged when it is read, and again by what is done with it."""
+CONCENTRATED_GAIN, CONCENTRATED_RATIO, FEWEST_CONCENTRATED = 30.0, 2.0, 5
+"""Log likelihood that must be gained by two parts of the states with scatters of their own, ratio of these, and fewest states of
+one: repeats of a state err alike, so less is found in clean data."""
 WALLS_GAIN, LIKELY_WALLS_GAIN, ON_WALLS = 0.3, 0.8, 0.9
 """Shares of the rms with thrust on the cap up to which it is settled, and likely, that the side walls take it: what else acts
 hides it. Share on the walls from which they take all of it: less is no convention but an effect."""

@@ -14,7 +14,7 @@ from model.robot import THRUST, Robot
 from ..criticism.relatives import PLACES, RELATIVES
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, LEAST_STATED, LIKELY, SAME_FACTOR, TIE_STATED
-from .result import Attribute, Diagnosis, Value
+from .result import Attribute, Concentrated, Diagnosis, Value
 from .size import by_actuator, places_found
 from .verdict import stage
 
@@ -166,6 +166,8 @@ def headline(
                 text = _short_enough(f"{text[:-1]}, beside {calibrated}.", text)
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
+        if d.locate.concentrated is not None:
+            return f"No known cause fits {p}; the gap is {concentrated(d.locate.concentrated, d.words)}."
         error = stage(a.stage_errors)
         may_be = [f"in the {error.stage} and {d.words.fill(error.varies)}"] if error else []
         may_be = relative(a.relatives[0], a.at_places, d.words)[0] if a.relatives else may_be
@@ -176,6 +178,19 @@ def headline(
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {p}."
     return f"No cause: no known effect explains enough of the gap {p}."
+
+
+def concentrated(c: Concentrated, words: Words) -> str:
+    """Where the gap is, after "the gap is"."""
+    if c.factor == "trial":
+        return f"{'after' if c.above else 'up to'} trial {c.limit:.0f}"
+    if c.factor == "branch":
+        return f"on the way {'up' if c.above else 'down'}"
+    name, unit = {"spine_length": ("the spine's length", "m"), "tip_mass": ("the mass at the tip", "kg")}.get(
+        c.factor, (f"the {words.pressure} of {words.actuator} {c.factor[1:]}", "Pa")
+    )
+    number, unit = for_people(c.limit, unit, words)
+    return f"where {name} is {'above' if c.above else 'at most'} {number:.3g} {unit}"
 
 
 def relative(id: str, at_places: Mapping[str, Mapping[str, Value]], words: Words) -> tuple[list[str], str]:

@@ -14,11 +14,12 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ..arrays import Array, Ints, Mask, rms, rows_by
-from ..data.levels import SPINE_GAP, levels
-from ..inference.prepare import Prepared
-from ..judgement import FALSE_DISCOVERY_RATE
+from ..data.campaign import Campaign
+from ..data.levels import MASS_GAP, SPINE_GAP, levels
+from ..inference.prepare import TINY, Prepared
+from ..judgement import CONCENTRATED_GAIN, CONCENTRATED_RATIO, FALSE_DISCOVERY_RATE, FEWEST_CONCENTRATED
 from .attribute import Attribution
-from .result import FACTORS, STAGES, Cell, Locate
+from .result import FACTORS, STAGES, Cell, Concentrated, Locate
 
 
 def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
@@ -41,7 +42,36 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
         by=by,
         stage=dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages),
         of="deflection" if p.pushes_only else "tip",
+        concentrated=concentrated(p.states.take(finite), p.gap(p.problem.observed - f.calibrated.predicted)[finite]),
     )
+
+
+def concentrated(s: Campaign, gap: Array) -> Concentrated | None:
+    """The part of n states in which most of the `gap` (n, 3) m lies that calibration leaves: those above or below a limit of one
+    chamber's pressure or of a load, of one branch, or before or after a trial; None where no part stands out.
+
+    Two parts of n_1 and n_2 states with mean squares s_1^2 and s_2^2, against s^2 of all n, gain the log likelihood
+    (3 / 2) (n log s^2 - n_1 log s_1^2 - n_2 log s_2^2); the part is that of the factor and limit that gain most.
+    """
+    factors = {f"p{k}": (values, s.pressure_gap) for k, values in enumerate(s.pressure.T, 1)}
+    factors |= {"trial": (s.trial, 0.0), "branch": (s.branch, 0.0), "spine_length": (s.spine_length, SPINE_GAP)}
+    factors["tip_mass"] = (s.trials.get("tip_mass", 0.0), MASS_GAP)
+    square, below = (gap**2).sum(axis=1), np.arange(1, len(s))
+    counts = np.stack([below, len(s) - below])
+    best, most = None, CONCENTRATED_GAIN
+    for factor, (values, least) in factors.items():
+        order = np.argsort(values, kind="stable")
+        steps, lower = np.diff(values[order]), np.cumsum(square[order])[:-1]
+        means = np.maximum(np.stack([lower, square.sum() - lower]) / counts, TINY)
+        gain = 1.5 * (len(s) * np.log(square.mean()) - (counts * np.log(means)).sum(axis=0))
+        parted = steps > (least if (steps > least).any() else 0.0)
+        parted &= (counts.min(axis=0) >= FEWEST_CONCENTRATED) & (means.max(axis=0) > CONCENTRATED_RATIO**2 * means.min(axis=0))
+        k = int(np.argmax(np.where(parted, gain, -np.inf))) if parted.any() else -1
+        if k >= 0 and gain[k] > most:
+            above, most = bool(means[1, k] > means[0, k]), float(gain[k])
+            others, own = np.sort(1e3 * np.sqrt(means[:, k])).tolist()
+            best = Concentrated(factor, above, float(values[order[k]]), int(counts[int(above), k]), own, others)
+    return best
 
 
 _Part = tuple[str, float | str, Ints, Array, float]

@@ -64,6 +64,22 @@ class Cell:
 
 
 @dataclass(frozen=True)
+class Concentrated:
+    """The part of the states in which most of what calibration leaves lies."""
+
+    factor: str
+    """p1, p2 .. Pa, trial, branch (-1 unload, 1 load), spine_length m, or tip_mass kg."""
+    above: bool
+    """The states above the limit, or the others."""
+    limit: Number
+    """Highest value of the factor in the lower part."""
+    n: int
+    rmse_mm: Number
+    others_mm: Number
+    """Root mean square in the other states."""
+
+
+@dataclass(frozen=True)
 class Locate:
     """Where the gap lies."""
 
@@ -75,6 +91,7 @@ class Locate:
     of: Literal["tip", "deflection"] = "tip"
     """The gap's quantity: the tip's position, or, of stiffness trials alone, the deflection: a missed force over the specimen's
     stiffness. Next to tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
+    concentrated: Concentrated | None = None
 
 
 @dataclass(frozen=True)

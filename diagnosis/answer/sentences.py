@@ -26,7 +26,7 @@ from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
 from .decision import share_closed
-from .headline import for_people, percent, plain_name, relative, stated, with_id
+from .headline import concentrated, for_people, percent, plain_name, relative, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, SetUp, Shrink, Waterfall
 from .size import Size
 from .verdict import stage
@@ -75,14 +75,17 @@ def _verdict(d: Diagnosis) -> str:
         return f"{nothing if closed is None else most} {why} ({sure}).{likely}"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' if a.missing else ''}{'; '.join(a.missing)}."
-    stage_clause, leading_error = "", stage(a.stage_errors)
+    stage_clause, where, leading_error, digits = "", "", stage(a.stage_errors), _what(d)[1]
     if leading_error is not None:
         runner_up = next((f", in the {e.stage} {e.gain:.1f}" for e in a.stage_errors if e.stage != leading_error.stage), "")
         stage_clause = (
             f" An error in the {leading_error.stage} that {d.words.fill(leading_error.varies)} fits best (log evidence "
             f"{leading_error.gain:.1f}{runner_up}), but a cause in another stage may look the same in these states."
         )
-    return f"The cause is not in the catalogue ({sure}).{stage_clause}{_relatives(d)}"
+    if (c := d.locate.concentrated) is not None:
+        remain = f"{c.rmse_mm:.{digits}f} mm rms in {counted(c.n, 'state')}, {c.others_mm:.{digits}f} mm in the others"
+        where = f" Most of what calibration leaves lies {concentrated(c, d.words)}: {remain}."
+    return f"The cause is not in the catalogue ({sure}).{where}{stage_clause}{_relatives(d)}"
 
 
 def limited(d: Diagnosis) -> str:

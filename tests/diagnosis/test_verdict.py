@@ -10,6 +10,7 @@ import pytest
 from diagnosis.answer.calibration import origins
 from diagnosis.answer.decision import Verdict, behaves_like, decide, doubted, without_nothing
 from diagnosis.answer.headline import MOST_WORDS, headline
+from diagnosis.answer.locate import concentrated
 from diagnosis.answer.result import (
     Alike,
     Attribute,
@@ -39,6 +40,7 @@ from lab.files.robot_file import paper_robot
 from model.actuators import Chambers, Tendons, Words
 from model.effects.catalogue import CATALOGUE
 from model.robot import Robot
+from tests.diagnosis.test_case import case, states, sweep
 from tests.diagnosis.test_findings import ANSWER
 from tests.diagnosis.toy import parameter, parameters
 
@@ -490,6 +492,24 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     little = line(replace(attribute("unknown", "too little data"), missing=lacks))
     made = (unknown, none, little, line(attribute("none", "none")), line(attribute("none", "noise")))
     assert all(len(said.split()) <= 20 for said in made) and lacks[0] in little
+
+
+def test_where_most_of_the_gap_lies_is_said_where_no_known_cause_fits() -> None:
+    s, rng = states(case(sweep()))[0], np.random.default_rng(1)
+    gap = 1e-3 * rng.normal(size=(len(s), 3))
+    assert concentrated(s, gap) is None
+
+    def said(where: Any) -> str:
+        found = concentrated(s, np.where(where[:, None], 8 * gap, gap))
+        assert found is not None and found.rmse_mm == pytest.approx(8 * found.others_mm, rel=0.3)
+        a = attribute("unknown", "stage", p=0.98)
+        return headline(replace(answer(a), locate=replace(WHERE, concentrated=found)), CATALOGUE).partition("; ")[2]
+
+    chamber = int(np.argmax(s.pressure.max(axis=0))) + 1
+    assert said(s.highest > 150e3) == f"the gap is where the pressure of chamber {chamber} is above 100 kPa."
+    assert said(s.trial > 4) == "the gap is after trial 4." and said(s.trial <= 4) == "the gap is up to trial 4."
+    assert said(s.branch < 0) == "the gap is on the way down."
+    assert said(s.spine_length > 0.2) == "the gap is where the spine's length is above 150 mm."
 
 
 def tied(effect: str, sizes: dict[str, Value], p: float, other: str, q: float, found: dict[str, Value]) -> str:
