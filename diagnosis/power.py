@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,8 +38,6 @@ from .data.case import Case, states
 from .errors import BadCase
 from .inference.budget import after_calibration
 from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
-from .inference.jacobian import Columns
-from .inference.linear import Linear
 from .inference.posterior import hypothesis_prior
 from .inference.prepare import parts, prepare
 from .inference.problem import leading
@@ -69,24 +66,14 @@ class Planned:
         """Of a campaign, measured or foreseen; `effects` are those that can be drawn. Raises `BadCase`."""
         prepared = prepare(case.robot, states(case)[0], catalogue=catalogue)
         self.problem, self.where = prepared.problem, parts(prepared)
-        self.none = next(c for c in Search(self.problem).tried if not c.with_tolerances)
+        calibrated = next(c for c in Search(self.problem).tried if not c.with_tolerances).fit
+        self.linear, self._slope = calibrated.linear(self.problem), self.problem.slope(calibrated.derivatives(self.problem))
+        """Around the calibrated robot."""
+        self.factors = self.problem.smooth.laws(np.ones(len(self.problem.observed)))
+        """(n, b) columns of a relative error of size 1 of a law."""
         p, own = self.problem.parameters, self.linear.effects
         # a shorter whitened response cannot be drawn
         self.effects = tuple(e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0)
-
-    @cached_property
-    def linear(self) -> Linear:
-        """Around the calibrated robot."""
-        return self.none.fit.linear(self.problem)
-
-    @cached_property
-    def _slope(self) -> Columns:
-        return self.problem.slope(self.none.fit.derivatives(self.problem))
-
-    @cached_property
-    def factors(self) -> Array:
-        """(n, b) columns of a relative error of size 1 of a law."""
-        return self.problem.smooth.laws(np.ones(len(self.problem.observed)))
 
     def sizes(self, effect: str) -> NDArray[np.intp]:
         """Indices of its parameters that are sizes."""

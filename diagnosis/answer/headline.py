@@ -14,7 +14,7 @@ from model.robot import THRUST, Robot
 from ..criticism.relatives import PLACES, RELATIVES
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, LEAST_STATED, LIKELY, SAME_FACTOR, TIE_STATED
-from .result import Attribute, Concentrated, Diagnosis, Value
+from .result import Concentrated, Diagnosis, Value
 from .size import by_actuator, places_found
 from .verdict import stage
 
@@ -69,9 +69,9 @@ def with_id(effect: str, names: Mapping[str, str]) -> str:
     return name if name == OUTSIDE else f"{name} [{effect}]"
 
 
-def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
+def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True, joint: str = " + ") -> str:
     """Name of a hypothesis, with or without the identifiers of its effects."""
-    return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
+    return joint.join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
 
 
 LEAST_CLOSED = 0.1
@@ -142,13 +142,13 @@ def headline(
     closes, changed = f"Calibration closes {percent(by_calibration or 0.0)} %", f": {calibrated}" if calibrated else ""
     calibration_closes = "" if by_calibration is None else f"{closes} of the gap{f' ({calibrated})' if calibrated else ''}"
     other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
-    other = f"perhaps {_name_all(a.too_small, speech)}{a.p_too_small}" if a.too_small else other
+    other = f"perhaps {speech.named(a.too_small)}{a.p_too_small}" if a.too_small else other
     if a.effects == (THRUST,) and any(f.code == "thrust_settled" for f in d.findings):  # that is certain; p is of the rest
         walls = d.words.fill("The side walls carry the {actuators}' thrust")
         first = walls if by_calibration is None else f"{closes} of the gap"
         return _short_enough(f"{first}; {other}. Write `thrust: walls`.", f"{first}; {other}.")
     if a.verdict == "effect":
-        several, name = a.conclusion == "one of several", _name_all(a.effects, speech)
+        several, name = a.conclusion == "one of several", speech.named(a.effects)
         closes_nothing = several and closed is not None and closed < LEAST_CLOSED
         if several and calibration_closes and alone:
             return _short_enough(f"{calibration_closes}; the rest has no clear cause.", f"{calibration_closes}.")
@@ -157,16 +157,16 @@ def headline(
         if closes_nothing:
             text = f"unclear: no effect closes the gap; the closest is {name} {p}."
         elif several and a.probability < LIKELY:
-            text = _tied(a, speech) or f"possibly {name} {p}."
+            text = speech.tied() or f"possibly {name} {p}."
         else:
-            text = f"{_says_all(a.effects, _sizes(a, a.effects), speech)} {p}."
-            text = (_tied(a, speech) or f"most likely {text}") if several else text
+            text = f"{speech.with_sizes(a.effects)} {p}."
+            text = (speech.tied() or f"most likely {text}") if several else text
             other_body = d.calibration is not None and abs(d.calibration.stiffness - 1) > SAME_FACTOR
             if not several and calibration_closes and other_body:
                 text = _short_enough(f"{text[:-1]}, beside {calibrated}.", text)
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
-        if d.locate.concentrated is not None:
+        if d.locate.concentrated is not None and not a.relatives:
             return f"No known cause fits {p}; the gap is {concentrated(d.locate.concentrated, d.words)}."
         error = stage(a.stage_errors)
         may_be = [f"in the {error.stage} and {d.words.fill(error.varies)}"] if error else []
@@ -210,75 +210,68 @@ def _short_enough(*texts: str) -> str:
 
 @dataclass(frozen=True)
 class Speech:
-    """The sources of a sentence's words."""
+    """The sources of a sentence's words, and the effects in these words."""
 
     d: Diagnosis
     catalogue: Mapping[str, EffectSpec]
     robot: Robot | None = None
 
-
-def _tied(a: Attribute, speech: Speech) -> str:
-    """The named effects and the next hypothesis, if both fit and it is nearly as probable, or one of those that the rest shape
-    would tell apart; else empty. Sizes are given only for what is likely."""
-    hidden = any(f.code == "cause_hidden_at_rest" for f in speech.d.findings)
-    others = (r for r in a.ranking if r.effects != a.effects and (not hidden or set(r.effects) & set(a.rivals)))
-    second = max(others, key=lambda r: r.probability, default=None)
-    if second is None or not (hidden or second.probability >= a.probability - TIE_STATED):
+    def tied(self) -> str:
+        """The named effects and the next hypothesis, if both fit and it is nearly as probable, or one of those that the rest
+        shape would tell apart; else empty. Sizes are given only for what is likely."""
+        a, hidden = self.d.attribute, any(f.code == "cause_hidden_at_rest" for f in self.d.findings)
+        others = (r for r in a.ranking if r.effects != a.effects and (not hidden or set(r.effects) & set(a.rivals)))
+        second = max(others, key=lambda r: r.probability, default=None)
+        if second is None or not (hidden or second.probability >= a.probability - TIE_STATED):
+            return ""
+        both = (a.effects, second.effects)
+        in_full, by_name = (self.with_sizes(effects, spread=False) for effects in both), map(self.named, both)
+        for first, other in (in_full, by_name) if a.probability >= LIKELY else (by_name,):
+            text = f"{first} or {other} ({a.p}, {second.probability:.2f})."
+            if len(text.split()) <= MOST_WORDS:
+                return text
         return ""
-    both = (a.effects, second.effects)
-    in_full = (_says_all(effects, _sizes(a, effects), speech, spread=False) for effects in both)
-    by_name = (_name_all(effects, speech) for effects in both)
-    for first, other in (in_full, by_name) if a.probability >= LIKELY else (by_name,):
-        text = f"{first} or {other} ({a.p}, {second.probability:.2f})."
-        if len(text.split()) <= MOST_WORDS:
-            return text
-    return ""
 
+    def named(self, effects: Sequence[str]) -> str:
+        """The plain names of effects."""
+        return hypothesis_name(effects, self.d.names, ids=False, joint=" and ")
 
-def _name_all(effects: Sequence[str], speech: Speech) -> str:
-    return " and ".join(plain_name(e, speech.d.names) for e in effects) or NO_EFFECT
+    def with_sizes(self, effects: Sequence[str], spread: bool = True) -> str:
+        """The effects with the sizes that the ranking has, or names alone if those do not fit; `spread` adds standard deviations
+        if they fit."""
+        if tuple(effects) == UNKNOWN:
+            return "the cause is outside the catalogue"
+        if not effects:
+            return "there is no cause"
+        sizes = next((r.parameters for r in self.d.attribute.ranking if r.effects == tuple(effects)), {})
+        for each in (spread, False):
+            said = " and ".join(self._says(e, sizes, each) for e in effects)
+            if len(said.split()) <= ROOM:
+                return said
+        names = [self.named((e,)) for e in effects]
+        return next(text for k in (3, 2, 1) if len((text := ", ".join(names[:k])).split()) <= ROOM)
 
-
-def _sizes(a: Attribute, effects: Sequence[str]) -> Mapping[str, Value]:
-    """Parameters of a hypothesis; empty if it is not ranked."""
-    return next((r.parameters for r in a.ranking if r.effects == tuple(effects)), {})
-
-
-def _says_all(effects: Sequence[str], sizes: Mapping[str, Value], speech: Speech, spread: bool = True) -> str:
-    """The effects with their sizes, or names alone if those do not fit; `spread` adds standard deviations if they fit."""
-    if tuple(effects) == UNKNOWN:
-        return "the cause is outside the catalogue"
-    if not effects:
-        return "there is no cause"
-    for each in (spread, False):
-        said = " and ".join(_says(e, sizes, speech, each) for e in effects)
-        if len(said.split()) <= ROOM:
-            return said
-    names = [_name_all((e,), speech) for e in effects]
-    return next(text for k in (3, 2, 1) if len((text := ", ".join(names[:k])).split()) <= ROOM)
-
-
-def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool) -> str:
-    """One effect with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
-    spec, words = speech.catalogue.get(effect), speech.d.words
-    if spec is None or not spec.says:
-        return f"{_name_all((effect,), speech)} is at work"
-    by_number = None if speech.robot is None else by_actuator(speech.robot, spec, sizes)
-    if by_number is not None:
-        return by_number.says(words, spread)
-    quoted = "{:.3g} {}".format(*for_people(speech.d.data.quoted_pressure, "Pa", words))
-    parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
-    if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):
-        return words.fill(re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says), "some amount", quoted=quoted)
-    values = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
-    total = parts[0].sign == "positive" and len(values) > 1
-    numbers = [v.value for v in values]
-    size = numbers[0] if len(numbers) == 1 else sum(numbers) if total else math.hypot(*numbers)
-    # of a vector's length, its parts independent; of a sum they are not
-    sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in values))
-    template = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
-    amount = _amount(abs(size) if "[" in spec.says else size, sd if spread else 0.0, parts[0].unit, words)
-    return words.fill(template, amount, quoted=quoted)
+    def _says(self, effect: str, sizes: Mapping[str, Value], spread: bool) -> str:
+        """One effect with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
+        spec, words = self.catalogue.get(effect), self.d.words
+        if spec is None or not spec.says:
+            return f"{self.named((effect,))} is at work"
+        by_number = None if self.robot is None else by_actuator(self.robot, spec, sizes)
+        if by_number is not None:
+            return by_number.says(words, spread)
+        quoted = "{:.3g} {}".format(*for_people(self.d.data.quoted_pressure, "Pa", words))
+        parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
+        if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):
+            return words.fill(re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says), "some amount", quoted=quoted)
+        values = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
+        total = parts[0].sign == "positive" and len(values) > 1
+        numbers = [v.value for v in values]
+        size = numbers[0] if len(numbers) == 1 else sum(numbers) if total else math.hypot(*numbers)
+        # of a vector's length, its parts independent; of a sum they are not
+        sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in values))
+        template = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
+        amount = _amount(abs(size) if "[" in spec.says else size, sd if spread else 0.0, parts[0].unit, words)
+        return words.fill(template, amount, quoted=quoted)
 
 
 def _amount(value: float, sd: float, unit: str, words: Words) -> str:

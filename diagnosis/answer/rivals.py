@@ -88,11 +88,8 @@ class Rivals:
         self.prepared, self.candidates = p, tuple(weighed.candidates[h] for h in dict.fromkeys(ranked))[:MOST]
         weight = np.maximum([weighed.probability(c.named) for c in self.candidates], RIVAL_LEAST_WEIGHT)
         self.weight: Array = weight / weight.sum()
-
-    @property
-    def names(self) -> tuple[str, ...]:
+        self.names = tuple(" + ".join(c.named) or "none" for c in self.candidates)
         """In words."""
-        return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
     def predict(self, table: Mapping[str, Any]) -> tuple[RivalForecast, ...] | None:
         """The forecast of each candidate for the states of a table's columns (as those of trials.csv); None where one of them has

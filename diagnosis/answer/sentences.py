@@ -254,23 +254,21 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
     return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
-def numbers_beyond(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> list[Finding]:
+def numbers_beyond(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
     """The numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
     names = {s: n for s, n in (("youngs_modulus", "bending_stiffness"), ("density", "mass_per_length")) if getattr(robot, n)}
     names["area"] = "area_factor"
-    each = []
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
         name = names.get(p.infos[i].source, p.infos[i].name.removesuffix(".excess"))
         name += " (`zero` of the positions)" * (p.infos[i].source == "frame_shift")
-        each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
-    return each
+        yield finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit)
 
 
 def beyond_tolerance(p: Prepared, fit: Fit, moved: Mapping[int, float], robot: Robot, name: str = "the fit") -> Finding:
     """The finding on `numbers_beyond`, and on those that the readings hardly tell apart at a fit: their variance inflation
     factors in the least squares of all of them are above `HARDLY_APART`."""
-    numbers, slope = numbers_beyond(p.problem.parameters, moved, robot), fit.derivatives(p.problem).every
+    numbers, slope = [*numbers_beyond(p.problem.parameters, moved, robot)], fit.derivatives(p.problem).every
     white = np.transpose([slope.column(i) for i in moved])
     unit = white / np.linalg.norm(white, axis=0)
     inflation = np.diag(np.linalg.inv(unit.T @ unit + np.finfo(float).eps * np.eye(len(moved))))

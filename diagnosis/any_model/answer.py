@@ -86,8 +86,6 @@ class Experiment:
 class Answer(Decision, Shown):
     """Which cause explains the gap between a model and its data."""
 
-    says: tuple[str, ...]
-    """The causes as sentences."""
     ranking: tuple[Ranked, ...]
     """Most probable first."""
     calibration: Mapping[str, tuple[float, str]]
@@ -137,7 +135,7 @@ class Answer(Decision, Shown):
         """The conclusion in one short sentence."""
         p = f"({self.p})"
         if self.verdict == "effect":
-            return f"{'Cause: ' if self.certain else 'Most like: '}{' and '.join(self.says)} {p}"
+            return f"{'Cause: ' if self.certain else 'Most like: '}{' and '.join(self.names[e] for e in self.effects)} {p}"
         return f"No cause: nothing stands out of the noise {p}" if self.verdict == "none" else f"A cause outside of the list {p}"
 
     @property

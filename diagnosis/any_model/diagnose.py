@@ -156,7 +156,7 @@ class _Diagnosis:
         )
         return Answer(
             **vars(replace(decision, relatives=as_well)),
-            says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
+            ranking=ranking,
             calibration={p.key: (at_fit[p.key], p.unit) for p in b.parameters if p.group == "calibration"},
             cannot_tell_apart=distinguishability(b.problem, w.best, ranked).groups(ranked), steps=tuple(steps),
             how=how, share_closed=closed if decision.effects else None,
@@ -279,10 +279,9 @@ class _Diagnosis:
 
     def _proposed(self, ranked: EffectPosterior, candidates: pd.DataFrame) -> tuple[Experiment, ...]:
         """Rows (or, where the model integrates, groups) of the candidates that tell most about what the model predicts of all."""
-        leading = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and q > judgement.RIVAL_WORTH_SEPARATING][:MOST_COMPARED]
-        if len(leading) < 2:
-            others = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and h not in dict(leading)]
-            leading += others[: 2 - len(leading)]
+        listed = [(h, q) for h, q in ranked.ranking if h != UNKNOWN]
+        worth = sum(q > judgement.RIVAL_WORTH_SEPARATING for _, q in listed)
+        leading = listed[: min(max(worth, 2), MOST_COMPARED)]
         b, model, every = self._b, self._b.model.of(candidates), self._every
         weight = np.array([max(q, judgement.RIVAL_LEAST_WEIGHT) for _, q in leading])
         sd = np.tile(b.sd, len(candidates))[:, None]
@@ -317,16 +316,13 @@ def most_telling(columns: Array, rows: Mapping[Any, Mask], count: int = MOST_PRO
     of their prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each."""
     squares, covariance, chosen = columns.T @ columns, np.eye(columns.shape[1]), list[Any]()
     for _ in range(min(count, len(rows))):
-        best: tuple[float, Any, Array] = (-np.inf, None, covariance)
+        halves = dict[Any, Array]()
         for at in (at for at in rows if at not in chosen):
             own = columns[rows[at]]
             across = own @ covariance
-            half = np.linalg.solve(np.linalg.cholesky(across @ own.T + np.eye(len(own))), across)
-            gain = float(np.sum((half @ squares) * half))
-            if gain > best[0]:
-                best = gain, at, half
-        chosen.append(best[1])
-        covariance = covariance - best[2].T @ best[2]
+            halves[at] = np.linalg.solve(np.linalg.cholesky(across @ own.T + np.eye(len(own))), across)
+        chosen.append(max(halves, key=lambda at: float(np.sum((halves[at] @ squares) * halves[at]))))
+        covariance = covariance - halves[chosen[-1]].T @ halves[chosen[-1]]
     return chosen
 
 

@@ -291,7 +291,7 @@ def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_
     assert moved == {1: -0.12, 2: 0.7, 3: -0.57}
     robot = load(paper_robot(), Robot)
     stiff = robot.model_copy(update={"bending_stiffness": 0.1})
-    assert str(numbers_beyond(p, moved, stiff)[0]).startswith("bending_stiffness 12 % below")
+    assert str(next(numbers_beyond(p, moved, stiff))).startswith("bending_stiffness 12 % below")
     said = [
         "youngs_modulus 12 % below robot.yaml (2 %)",
         "density 70 % above robot.yaml (10 %)",

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.linalg import expm
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from benchmarks.ur5 import fit, read
 from diagnosis.any_model.diagnose import most_telling
@@ -40,34 +39,24 @@ def poses(arm: Arm, count: int, seed: int = 0) -> pd.DataFrame:
     return table.join(table.shift().add_suffix("_before"))
 
 
-def screw(axis: Array, point: Array, angle: float) -> Array:
-    """The homogeneous matrix of a turn about a line."""
-    out = np.zeros((4, 4))
-    out[:3, :3] = np.cross(np.eye(3), axis)
-    out[:3, 3] = -np.cross(axis, point)
-    matrix: Array = expm(angle * out)
-    return matrix
-
-
 @pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
 def test_the_tool_is_where_a_product_of_exponentials_puts_it(arm: Arm) -> None:
-    x, y, z, w = np.roll(arm.base_to_world.orientation, -1)
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = Rotation.from_quat([x, y, z, w]).as_matrix(), arm.base_to_world.position
-    lines = []
-    for link in arm.links:  # the arm with every joint at zero: lines of its axes in the world
-        lines.append((frame[:3, 2], frame[:3, 3]))
-        turn = Rotation.from_euler("ZX", [link.offset_deg, link.alpha_deg], degrees=True).as_matrix()
+    base = arm.base_to_world
+    frame = RigidTransform.from_components(base.position, Rotation.from_quat(base.orientation, scalar_first=True))
+    screws = []
+    for link in arm.links:  # the arm with every joint at zero: turns about its axes in the world, by one rad
+        axis = frame.rotation.apply([0, 0, 1])
+        screws.append(np.append(axis, np.cross(frame.translation, axis)))
+        turn = Rotation.from_euler("ZX", [link.offset_deg, link.alpha_deg], degrees=True)
         along = Rotation.from_euler("Z", link.offset_deg, degrees=True).apply([link.a, 0, link.d])
-        frame = frame @ np.vstack([np.column_stack([turn, along]), [0, 0, 0, 1]])
-    at_zero = frame @ np.array([*arm.tool, 1])
+        frame = frame * RigidTransform.from_components(along, turn)
     inputs = poses(arm, 5)
     positions = ArmModel(arm)({}, inputs)
     for q, position in zip(inputs[list(arm.joints)].to_numpy(), positions, strict=True):
-        point = at_zero
-        for (axis, origin), angle in reversed(list(zip(lines, q, strict=True))):
-            point = screw(axis, origin, angle) @ point
-        assert position == pytest.approx(point[:3], abs=1e-12)
+        point = frame.apply(arm.tool)
+        for screw, angle in reversed(list(zip(screws, q, strict=True))):
+            point = RigidTransform.from_exp_coords(angle * screw).apply(point)
+        assert position == pytest.approx(point, abs=1e-12)
 
 
 @pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)

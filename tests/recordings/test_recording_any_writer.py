@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.reader import NonSeekingReader
 from mcap.records import Channel, Message
 from mcap_files import ATTACHED, CHANNEL, FEATURES, INPUTS, NOTED, ONE, build, chunk, combinations, message, whole, written
+from synthetic_run import held
 
 from recordings.campaign.info import info
 from recordings.errors import NotARecording, Oversized
@@ -17,12 +17,6 @@ from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.tail import Tail
 from recordings.file.verify import INTACT, UNCOVERED, verify
-
-
-def held(path: Path) -> list[tuple[int, int, bytes]]:
-    """Messages by the library's reader."""
-    with open(path, "rb") as file:
-        return [(m.log_time, m.sequence, m.data) for _, _, m in NonSeekingReader(file).iter_messages()]
 
 
 def check(path: Path, kind: str, checksums: bool) -> None:
@@ -57,7 +51,7 @@ def test_every_combination_of_features_is_read_right(tmp_path: Path, kind: str, 
 @pytest.mark.parametrize("every", [61, pytest.param(5, marks=pytest.mark.long)])
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
 def test_recover_keeps_all_of_every_combination_and_takes_its_own_output(tmp_path: Path, compression: str, every: int) -> None:
-    written = [(r.log_time, r.sequence, r.data) for r in INPUTS["everything"] if isinstance(r, Message)]
+    written = [("example", r.log_time, r.sequence, r.data) for r in INPUTS["everything"] if isinstance(r, Message)]
     source, once, twice = (tmp_path / f"{name}.mcap" for name in ("source", "once", "twice"))
     for number, features in enumerate(combinations()):
         if number % every:
@@ -197,7 +191,7 @@ def test_times_of_any_size_are_kept(tmp_path: Path) -> None:
     times = [2**64 - 1, 0, 2**63]
     path, copy = tmp_path / "a.mcap", tmp_path / "b.mcap"
     path.write_bytes(whole(DEFINED, *(written(Message(1, t, b"{}", t, k)) for k, t in enumerate(times))))
-    assert recover(path, copy).complete and [t for t, _, _ in held(copy)] == sorted(times)
+    assert recover(path, copy).complete and [t for _, t, _, _ in held(copy)] == sorted(times)
     assert verify(path).messages == 3 == info(path).streams["example"].timing.count
     assert info(path).duration == pytest.approx(2**64 / 1e9) and info(path).start.startswith("1970-01-01")
 

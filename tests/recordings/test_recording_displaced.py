@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from synthetic_run import Run
 
-import timing
 from recordings.campaign.replay import metadata
 from recordings.errors import WriteFailed
 from recordings.file.journal import Journal, read
@@ -16,15 +15,11 @@ from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
+from tests.simulated.bench import wait_until
 
 Begun = tuple[Recorder, Journal]
 RUN = Run(duration=4.0)
 HALF = 2.0
-WITHIN = 60.0
-
-
-def until(condition: Callable[[], object]) -> None:
-    assert timing.wait(lambda: bool(condition()), WITHIN)
 
 
 @pytest.fixture
@@ -76,7 +71,7 @@ def test_a_recording_that_lost_its_place_is_whole_in_the_rescue_file(
 ) -> None:
     recorder, journal = begun
     harm(tmp_path / "out" / "run.mcap")
-    until(lambda: recorder.displaced)
+    wait_until(lambda: recorder.displaced)
     push(recorder, first=False)
     journal.done(1, 1)
     counts = recorder.close("completed")
@@ -101,7 +96,7 @@ def test_what_a_truncated_recording_still_holds_is_kept_and_the_rest_is_told(beg
     recorder, _ = begun
     size = (tmp_path / "out" / "run.mcap").stat().st_size
     os.truncate(tmp_path / "out" / "run.mcap", left)
-    until(lambda: recorder.displaced)
+    wait_until(lambda: recorder.displaced)
     push(recorder, first=False)
     counts = recorder.close("completed")
     assert verify(recorder.path).ok
@@ -145,10 +140,10 @@ def test_a_rescue_file_goes_into_the_temporary_folder_where_the_rig_s_cannot_be_
     recorder, _ = begun
     shutil.rmtree(tmp_path / "rig")
     shutil.rmtree(tmp_path / "out")
-    until(lambda: recorder.displaced)
+    wait_until(lambda: recorder.displaced)
     assert recorder.path == temporary / "run-rescue.mcap"
     recorder.path.unlink()  # and once more
-    until(lambda: len(recorder.displaced) == 2)
+    wait_until(lambda: len(recorder.displaced) == 2)
     shutil.rmtree(temporary)
     with pytest.raises(WriteFailed, match="no rescue file can be written"):
         recorder.close("completed")
@@ -157,7 +152,7 @@ def test_a_rescue_file_goes_into_the_temporary_folder_where_the_rig_s_cannot_be_
 def test_a_rescue_file_of_a_killed_program_can_be_recovered(begun: Begun, tmp_path: Path) -> None:
     recorder, _ = begun
     os.truncate(tmp_path / "out" / "run.mcap", 0)
-    until(lambda: recorder.displaced)
+    wait_until(lambda: recorder.displaced)
     push(recorder, first=False)
     cut = tmp_path / "cut.mcap"
     shutil.copy(recorder.path, cut)
@@ -172,7 +167,7 @@ def test_a_journal_that_is_lost_is_written_anew_in_its_place(begun: Begun, harm:
     recorder, journal = begun
     harm(journal.path)
     journal.step(1, 2)
-    until(lambda: recorder.displaced)
+    wait_until(lambda: recorder.displaced)
     journal.done(1, 2)
     recorder.close("completed")
     assert recorder.path == tmp_path / "out" / "run.mcap"
@@ -183,7 +178,7 @@ def test_a_journal_that_is_lost_is_written_anew_in_its_place(begun: Begun, harm:
 def test_a_journal_that_was_replaced_is_left_alone_and_both_go_on_elsewhere(begun: Begun, tmp_path: Path) -> None:
     recorder, journal = begun
     replace(tmp_path / "out" / "run.journal")
-    until(lambda: recorder.displaced)
+    wait_until(lambda: recorder.displaced)
     recorder.close("completed")
     assert (tmp_path / "out" / "run.journal").read_bytes() == b"something else"
     assert read(tmp_path / "rig" / "run-rescue.journal").recordings == (("run-rescue.mcap", 1),)

@@ -19,18 +19,13 @@ class Wire:
 
     def __init__(self, fake: TmclFake) -> None:
         self.fake = fake
-        self.port = serial.serial_for_url(fake.port, 115200)
+        self.port = serial.serial_for_url(fake.port, 115200, timeout=20.0)
 
-    def ask(
-        self, command: int, kind: int, value: int = 0, address: int = 1, damage: int = 0, within: float = 20.0
-    ) -> tuple[int, int] | None:
-        """Status and value; None on silence."""
-        self.port.timeout = within
-        frame = struct.pack(">BBBBi", address, command, kind, 0, value)
+    def ask(self, command: int, kind: int, value: int = 0, damage: int = 0) -> tuple[int, int]:
+        """Status and value."""
+        frame = struct.pack(">BBBBi", 1, command, kind, 0, value)
         self.port.write(frame + bytes([sum(frame) + damage & 0xFF]))
         answer = self.port.read(9)
-        if len(answer) < 9:
-            return None
         host, module, status, echo, result, check = struct.unpack(">BBBBiB", answer)
         assert (host, module, echo) == (2, 1, command)
         assert sum(answer[:8]) & 0xFF == check
@@ -49,13 +44,11 @@ def wire(bench: Bench) -> Wire:
     [(GAP, 99, 0, 3), (SAP, 3, 0, 3), (SAP, 4, -1, 4), (MVP, 7, 0, 3), (77, 0, 0, 2), (RFS, 3, 0, 3)],
 )
 def test_what_the_module_does_not_know_is_refused(wire: Wire, command: int, kind: int, value: int, status: int) -> None:
-    answer = wire.ask(command, kind, value)
-    assert answer is not None and answer[0] == status
+    assert wire.ask(command, kind, value)[0] == status
 
 
 def test_a_wrong_checksum_is_refused(wire: Wire) -> None:
-    answer = wire.ask(GAP, 1, damage=1)
-    assert answer is not None and answer[0] == 1
+    assert wire.ask(GAP, 1, damage=1)[0] == 1
 
 
 def test_relative_motions_and_rotations(wire: Wire) -> None:
