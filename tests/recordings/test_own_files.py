@@ -10,6 +10,7 @@ from recordings.errors import RecordingError, WriteFailed
 from recordings.file.journal import Journal
 from recordings.file.writer import Recorder
 from recordings.own_files import copied, created, folder_in, opened, replaced, replacing
+from tests.simulated.bench import raises
 
 
 @pytest.fixture
@@ -25,10 +26,8 @@ def test_a_symbolic_link_is_not_opened_whether_it_leads_anywhere_or_not(tmp_path
     (tmp_path / "link").symlink_to(target)
     (tmp_path / "loose").symlink_to(tmp_path / "elsewhere" / "new")
     for name in ("link", "loose"):
-        with pytest.raises(OSError, match="symbolic link"):
-            opened(tmp_path / name, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
-        with pytest.raises(FileExistsError):
-            created(tmp_path / name)
+        raises(OSError, "symbolic link", opened, tmp_path / name, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+        raises(FileExistsError, None, created, tmp_path / name)
     assert target.read_text() == "as it was" and not (tmp_path / "elsewhere" / "new").exists()
 
 
@@ -37,8 +36,7 @@ def test_a_pipe_or_a_folder_is_refused_at_once(tmp_path: Path) -> None:
     for flags in (os.O_RDONLY, os.O_WRONLY, os.O_RDWR):
         with pytest.raises(OSError):
             os.close(opened(tmp_path / "pipe", flags))
-    with pytest.raises(OSError, match="not a regular file"):
-        opened(tmp_path, os.O_RDONLY)
+    raises(OSError, "not a regular file", opened, tmp_path, os.O_RDONLY)
 
 
 def test_replacing_a_link_replaces_the_link_and_leaves_no_other_file(tmp_path: Path, target: Path) -> None:
@@ -67,12 +65,9 @@ def test_an_error_names_the_file_that_was_asked_for_and_not_the_one_that_is_writ
 def test_recording_journal_and_index_refuse_a_link_in_their_place(tmp_path: Path, target: Path) -> None:
     for name in ("a.mcap", "a.journal", INDEX):
         (tmp_path / name).symlink_to(target)
-    with pytest.raises(WriteFailed, match="exists"):
-        Recorder(tmp_path / "a.mcap", start_wall_ns=10**18)
-    with pytest.raises(WriteFailed, match=r"a\.journal"):
-        Journal.begin(tmp_path / "a.mcap", "bending")
-    with pytest.raises(RecordingError, match="symbolic link"):
-        runs(tmp_path)
+    raises(WriteFailed, "exists", Recorder, tmp_path / "a.mcap", start_wall_ns=10**18)
+    raises(WriteFailed, r"a\.journal", Journal.begin, tmp_path / "a.mcap", "bending")
+    raises(RecordingError, "symbolic link", runs, tmp_path)
     assert target.read_text() == "as it was"
 
 
@@ -80,8 +75,7 @@ def test_a_journal_is_not_gone_on_with_through_a_link(tmp_path: Path, target: Pa
     with Journal.begin(tmp_path / "elsewhere" / "a.mcap", "bending"):
         pass
     (tmp_path / "a.journal").symlink_to(tmp_path / "elsewhere" / "a.journal")
-    with pytest.raises(WriteFailed, match="symbolic link"):
-        Journal.reopen(tmp_path / "a.journal")
+    raises(WriteFailed, "symbolic link", Journal.reopen, tmp_path / "a.journal")
 
 
 def test_a_copy_replaces_a_symbolic_link_and_leaves_the_same_file_alone(tmp_path: Path) -> None:
@@ -99,6 +93,5 @@ def test_a_copy_replaces_a_symbolic_link_and_leaves_the_same_file_alone(tmp_path
 def test_no_folder_is_entered_through_a_symbolic_link(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OSError, match="symbolic link"):
-        folder_in(tmp_path, "out")
+    raises(OSError, "symbolic link", folder_in, tmp_path, "out")
     assert folder_in(tmp_path, "new").is_dir()

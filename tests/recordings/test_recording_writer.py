@@ -32,6 +32,7 @@ from recordings.file.recover import recover
 from recordings.file.writer import Recorder
 from recordings.messages import streams
 from recordings.states.buffer import BLOCK, Buffers
+from tests.simulated.bench import raises
 
 WALL = 1_700_000_000_000_000_123
 
@@ -87,16 +88,11 @@ def test_metadata_tell_outcome_and_counts(tmp_path: Path) -> None:
 def test_what_is_not_a_message_is_refused_and_counted(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL) as recorder:
         for t in (float("nan"), -1.0, float("inf")):
-            with pytest.raises(BadMessage, match="rig time"):
-                recorder.push("/vacuum", t, absolute=1.0)
-        with pytest.raises(BadMessage, match="absolut"):
-            recorder.push("/vacuum", 0.0, absolut=1.0)
-        with pytest.raises(BadMessage, match="/vaccum"):
-            recorder.push("/vaccum", 0.0, absolute=1.0)
-        with pytest.raises(BadMessage, match="loud"):
-            recorder.log("loud", "text")
-        with pytest.raises(ValueError, match="/force: -3 lost samples"):
-            recorder.note_lost("/force", -3)
+            raises(BadMessage, "rig time", recorder.push, "/vacuum", t, absolute=1.0)
+        raises(BadMessage, "absolut", recorder.push, "/vacuum", 0.0, absolut=1.0)
+        raises(BadMessage, "/vaccum", recorder.push, "/vaccum", 0.0, absolute=1.0)
+        raises(BadMessage, "loud", recorder.log, "loud", "text")
+        raises(ValueError, "/force: -3 lost samples", recorder.note_lost, "/force", -3)
     assert recorder.counts()["/vacuum"].dropped == 4 and recorder.counts()["/force"].lost == 0
 
 
@@ -221,10 +217,8 @@ def test_what_waits_when_the_disk_fails_is_counted_as_dropped(held: Held) -> Non
     for k in range(10):
         recorder.push("/valve", float(k), on=True)
     held.go.set()
-    with pytest.raises(WriteFailed, match="no space left"):
-        recorder.close("completed")
-    with pytest.raises(WriteFailed, match="no space left"):
-        recorder.push("/valve", 10.0, on=True)
+    raises(WriteFailed, "no space left", recorder.close, "completed")
+    raises(WriteFailed, "no space left", recorder.push, "/valve", 10.0, on=True)
     counts = recorder.counts()["/valve"]
     assert (counts.generated, counts.written, counts.dropped) == (11, 0, 11)
 
@@ -324,8 +318,7 @@ def test_samples_older_than_what_is_kept_are_refused_rather_than_missing(tmp_pat
         newest = 0.01 * 3 * BLOCK
         assert len(recorder.buffers.window("/valve", newest - 0.995, newest)) == 100
         assert len(recorder.buffers.window("/valve", newest - 5.995, newest - 5.0)) == 100
-        with pytest.raises(RecordingError, match="no longer in memory"):
-            recorder.buffers.window("/valve", 0.0, 10.0)
+        raises(RecordingError, "no longer in memory", recorder.buffers.window, "/valve", 0.0, 10.0)
         assert recorder.buffers["/valve"].newest == newest
 
 
