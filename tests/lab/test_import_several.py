@@ -20,7 +20,9 @@ from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from diagnosis.data.case import campaign_of
 from lab.files.config import ConfigError, load
 from lab.files.jumps import believed, strays
+from lab.imports.proposal import Guess
 from lab.imports.table import Imported
+from lab.verbs.import_data import grouped
 from model.robot import Robot
 from recordings.table_file import write_csv
 from recordings.trials import TIP, Table
@@ -457,7 +459,16 @@ def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], 
         assert any("are set-points; no measured pressures were found" in d for d in made.doubts)
 
 
-@pytest.mark.parametrize(("name", "remedy"), [("a.xlsx", "export it as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")])
+def test_the_column_of_a_tip_in_doubt_is_listed_with_the_others() -> None:
+    proposed = Guess()
+    proposed.say("columns.x", {"column": "LED X"}, "it moves most")
+    proposed.doubt("columns.x", "no heading names a tip")
+    assert grouped(proposed) == {"it moves most; see `unconfirmed`": ["columns.x"]}
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"), [("a.xlsx", "save the sheet as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")]
+)
 def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(name: str, remedy: str, tmp_path: Path, cli: Cli) -> None:
     (tmp_path / name).write_bytes(b"SQLite format 3\0")
     (tmp_path / "map.yaml").write_text(yaml.safe_dump({"columns": plain(**COLUMNS), "robot": str(ROBOT)}))

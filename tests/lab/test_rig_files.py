@@ -208,6 +208,8 @@ def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:
     assert again == robot
     (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 kPa", text))
     refused("length: '2 kPa' has the unit 'kPa'.*505 kPa \\+- 30 %", load, tmp_path / "robot.yaml", Robot)
+    (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^outer_radius: .*$", "outer_radius: 40 mm +- 2 %", text))
+    refused(r"outer_radius: '40 mm \+- 2 %': \+- may follow length, .*bending_stiffness", load, tmp_path / "robot.yaml", Robot)
 
 
 def test_a_bending_stiffness_may_say_how_well_it_is_known(tmp_path: Path) -> None:
