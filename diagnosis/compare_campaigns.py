@@ -23,7 +23,6 @@ from .answer.headline import OUTSIDE, for_people, plain_name, with_id
 from .answer.result import Change
 from .arrays import Array
 from .criticism.stage_errors import odds_unnamed
-from .data.campaign import Campaign
 from .data.case import Case, states
 from .errors import BadCase
 from .inference.evidence import NONE
@@ -51,7 +50,14 @@ def compare_campaigns(
             f"the robots differ: {reference.robot.name!r} in the reference, {later.robot.name!r} in this campaign, "
             "or robot.yaml was changed: give both the same robot.yaml with --robot"
         )
-    campaigns = _comparable(states(reference)[0], states(later)[0])
+    both = states(reference)[0], states(later)[0]
+    kinds = np.array([all((s.pushed == pushed).any() for s in both) for pushed in (False, True)])
+    if not kinds.any():
+        raise BadCase(
+            "one campaign has only stiffness trials and the other has none: compare campaigns of the same kind, or "
+            "record what is missing"
+        )
+    campaigns = tuple(s.take(kinds[s.pushed.astype(int)]) for s in both)
     pace = design_from_columns(later.robot, table_columns(campaigns[1])).pace
     sized = scales(later.robot, np.vstack([s.pressure for s in campaigns]), pace)
     before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in campaigns)
@@ -70,17 +76,6 @@ def compare_campaigns(
     sizes = {parameters.names[i]: float(ranked.candidates[named].fit.theta[i]) for i in of_named}
     statement = sentence(ranked, sizes, catalogue, later.robot.actuators.words)
     return Change(statement, ranked.ranking[:10], sizes, named if ranked.probability(NONE) < UNCHANGED else NONE)
-
-
-def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
-    """What both campaigns hold: states of the robot, stiffness trials, or both."""
-    kinds = np.array([all((s.pushed == pushed).any() for s in (before, after)) for pushed in (False, True)])
-    if not kinds.any():
-        raise BadCase(
-            "one campaign has only stiffness trials and the other has none: compare campaigns of the same kind, or "
-            "record what is missing"
-        )
-    return before.take(kinds[before.pushed.astype(int)]), after.take(kinds[after.pushed.astype(int)])
 
 
 def sentence(posterior: EffectPosterior, sizes: Mapping[str, float], catalogue: Mapping[str, EffectSpec], words: Words) -> str:

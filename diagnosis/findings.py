@@ -126,8 +126,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             " at two or more"
         ),
         "scatter_of_repeats": (
-            "repeats of a state scatter by {floor_mm:.2f} mm rms, the noise floor: {scatter}. Find out why before you trust a "
-            "cause"
+            "repeats of a state scatter by {floor_mm:.2f} mm rms, the noise floor: {scatter}{worst}. Find out why before you "
+            "trust a cause"
         ),
         "impossible_size": ("the fit gives {parameter} = {size}, which is physically impossible: evidence against this effect"),
         "stage_error": (
@@ -187,6 +187,9 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "actuators_exchanged": (
             "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
             "its map, or their azimuths_deg in robot.yaml{rather}"
+        ),
+        "counted_other_way": (
+            "{actuators} counted the other way round (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}"
         ),
         "reordered": "{actuators} 1 to {count} receive the {pressures} of {order} (p = {p:.2f}): connect them in order{rather}",
         "actuator_dead": (

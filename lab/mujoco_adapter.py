@@ -47,7 +47,11 @@ class MujocoModel:
         import mujoco
 
         for key, value in theta.items():
-            _write(*self._places[key], value)
+            element, name, index = self._places[key]
+            if np.ndim(getattr(element, name)):
+                getattr(element, name)[index] = value
+            else:
+                setattr(element, name, value)
         model, out = self.spec.compile(), np.full((len(inputs), len(self.outputs)), np.nan)
         sensors = [int(model.sensor(name).adr[0]) for name in self.outputs.values()]
         table = {name: inputs[name].to_numpy(float) for name in (self.time, *self.inputs, *self.start)}
@@ -113,14 +117,6 @@ def mujoco_model(
 
     made = tuple(Cause(cause, quantities(stated)) for cause, stated in causes.items())
     return MujocoModel(spec, inputs, outputs, made, quantities(calibration), time, group, start or {}, places)
-
-
-def _write(element: Any, name: str, index: int, value: float) -> None:
-    """Set a field, or one number of it."""
-    if np.ndim(getattr(element, name)):
-        getattr(element, name)[index] = value
-    else:
-        setattr(element, name, value)
 
 
 def _names(spec: Any, kind: str) -> str:

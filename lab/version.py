@@ -5,12 +5,12 @@ The names of the packages are plain words (`model`, `drivers`), and others may u
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import importlib.util
 import platform
 import subprocess
+from base64 import urlsafe_b64encode
 from collections.abc import Mapping
+from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,7 +87,7 @@ def strangers() -> str:
             problems.append(f"the package {name} of {NAME} is missing from {home}: install {NAME} again")
         elif place != ours:
             problems.append(f"another package called {name}, {place}, hides the one of {NAME}, {ours}: {REMEDY}")
-        elif name in written and _digest(place) != written[name]:
+        elif name in written and urlsafe_b64encode(sha256(place.read_bytes()).digest()).rstrip(b"=").decode() != written[name]:
             problems.append(f"another package has written into {place}, which is {NAME}'s: {REMEDY}")
     return "\n".join(problems)
 
@@ -108,8 +108,3 @@ def _written() -> dict[str, str]:
         return {}
     names = {first: name for name, first in FIRST.items()}
     return {names[str(f)]: f.hash.value for f in files if str(f) in names and f.hash is not None}
-
-
-def _digest(path: Path) -> str:
-    """As installers write it."""
-    return base64.urlsafe_b64encode(hashlib.sha256(path.read_bytes()).digest()).rstrip(b"=").decode()

@@ -33,6 +33,7 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Ma
         "misfit": {
             "excess_scatter": p.noise_components.excess_scatter,
             "outlier_trial": f.outlier_trial,
+            "outlier_state": p.states.farthest(p.points(explained), p.states.trial == f.outlier_trial),
             "law_error_gain": f.best.weighed.law_error_gain,
         },
         "best_hypothesis": list(f.best.named),

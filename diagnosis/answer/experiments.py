@@ -80,7 +80,9 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     if trials.pressures.min(axis=1).max() <= s.pressure_gap:
         together = f"{words.inflate} all {words.actuators} together"
         offer("elongation", together, protocol="elongation", pressures=lower, chambers=every)
-    if other_group := _other_chambers(chambers, count, s):
+    shifts = sorted(range(1, count), key=lambda shift: (shift != count // 3, shift))
+    shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)  # round the ring
+    if other_group := next((group for group in shifted if tuple(group) not in s.chambers), None):
         offer(f"other_{words.actuators}", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
     if np.ptp(np.round(trials.get("roll_deg", 0.0))) == 0:
         offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
@@ -101,13 +103,6 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offer("markers", "put markers along the body", 20.0, names)
     return offered
-
-
-def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
-    """The campaign's chambers, counted from 1, shifted round the ring to a group it never inflated; empty if there is none."""
-    shifts = sorted(range(1, count), key=lambda shift: (shift != count // 3, shift))
-    shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)
-    return next((group for group in shifted if tuple(group) not in s.chambers), [])
 
 
 def _three(values: Array, gap: float) -> list[float]:

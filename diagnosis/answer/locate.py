@@ -31,7 +31,9 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
     rng = np.random.default_rng(20240)
     parts = (*_parts(p, missed, gap, finite), *_specimens(p, p.deflection(missed)))
     cells = [(part[0], *_cell(*part[1:], rng)) for part in parts]
-    limit = _limit(np.array([probability for *_, probability in cells]))
+    probabilities = np.sort([probability for *_, probability in cells])
+    allowed = FALSE_DISCOVERY_RATE * np.arange(1, len(cells) + 1) / max(len(cells), 1)  # over all factors together
+    limit = max(probabilities[probabilities <= allowed], default=-1.0)
     by: dict[str, tuple[Cell, ...]] = dict.fromkeys(FACTORS, ())
     for factor, cell, probability in cells:
         by[factor] = (*by.get(factor, ()), replace(cell, significant=bool(probability <= limit)))
@@ -135,10 +137,3 @@ def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.
     return Cell(
         value, 1e3 * rms(missed), 1e3 * float(missed[:, 0].mean()), len(missed), 1e3 * float(low), 1e3 * float(high), False
     ), probability
-
-
-def _limit(probabilities: Array) -> float:
-    """Probability up to which a cell is significant, over all factors together."""
-    probabilities = np.sort(probabilities)
-    allowed = FALSE_DISCOVERY_RATE * np.arange(1, len(probabilities) + 1) / max(len(probabilities), 1)
-    return float(max(probabilities[probabilities <= allowed], default=-1.0))

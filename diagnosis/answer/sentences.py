@@ -27,14 +27,14 @@ from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
 from .decision import share_closed
 from .headline import concentrated, for_people, percent, plain_name, relative, stated, with_id
-from .result import Alike, Calibration, Carries, Diagnosis, SetUp, Shrink, Waterfall
+from .result import Alike, Calibration, Diagnosis, SetUp, Shrink, Waterfall
 from .size import Size
 from .verdict import stage
 
 
 def statement(d: Diagnosis) -> str:
     """The answer in a few sentences, the verdict first."""
-    present = also_present(d.budget, lambda effect: with_id(effect, d.names), _what(d)[1])
+    present = also_present(d, lambda effect: with_id(effect, d.names), _what(d)[1])
     parts = (
         _verdict(d), _gap(d), _alike(d), _simulator(d), _moved(d), _closing(d), _robot(d), present, _odd(d),
         _pushed(d), held_out(d),
@@ -129,9 +129,12 @@ def _gap(d: Diagnosis) -> str:
     no_better = d.attribute.conclusion != "noise" and calibrated >= w.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
+    moved = () if d.calibration is None or d.fitted is not None else d.calibration.set_up
+    each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in moved]
+    set_up = f" ({'; '.join(each)}: measure again)" if each else ""
     return (
         f"Uncalibrated, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
-        f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{_set_up(d)}, by "
+        f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{set_up}, by "
         f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
 
@@ -140,13 +143,6 @@ def within(d: Diagnosis) -> str:
     """Whether calibration leaves the set-up within its tolerances, or moves any of it far beyond."""
     moved = () if d.calibration is None else d.calibration.set_up
     return "beyond" if any(s.value > judgement.TENSE_SD * s.sd for s in moved) else "within"
-
-
-def _set_up(d: Diagnosis) -> str:
-    """What moves within its tolerance, and how far that moves the tip, in brackets; empty beside a cause."""
-    moved = () if d.calibration is None or d.fitted is not None else d.calibration.set_up
-    each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {_what(d)[0]} by {s.mm:.2f} mm" for s in moved]
-    return f" ({'; '.join(each)}: measure again)" if each else ""
 
 
 def _by(s: SetUp, what: str, value: float) -> str:
@@ -331,7 +327,9 @@ def scatter(p: Prepared, floor_mm: float) -> Iterator[Finding]:
             at_least = "at least " * (factor > 0.99 * judgement.COMPONENT_RANGE)  # the limit of the fit
             each.append(f"{words.fill(SCATTERS[name], f'{at_least}{amount}')}, {at_least}{factor:.2g} times as much as usual")
     if each:
-        yield finding("scatter_of_repeats", words, floor_mm=floor_mm, scatter=each)
+        state = p.states.farthest(p.states.repeated, ~p.states.pushed)
+        worst = f". Farthest off is {state} from its repeats at the same {words.pressures}" if state else ""
+        yield finding("scatter_of_repeats", words, floor_mm=floor_mm, scatter=each, worst=worst)
 
 
 def to_look_at(p: Prepared, sizes: Mapping[str, Size]) -> Iterator[Finding]:
@@ -448,16 +446,21 @@ def _robot(d: Diagnosis) -> str:
     )
 
 
-def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: int) -> str:
-    """The sentence on effects that are present but not the cause, each by its `name`; empty if there is none."""
-    found = ", ".join(f"{name(c.effect)} {c.mm:.{digits}f} mm" for c in budget if c.role == "present")
+def also_present(d: Diagnosis, name: Callable[[str], str], digits: int) -> str:
+    """The sentence on effects that are present but not the cause, each by its `name`, without those that help no prediction;
+    empty if there is none."""
+    useless = d.attribute.verdict != "effect" and d.shrink is not None and (d.shrink.share_closed or 0.0) < 0.0
+    idle = d.detail["best_hypothesis"] if useless else ()
+    shown = (c for c in d.budget if c.role == "present" and c.effect not in idle)
+    found = ", ".join(f"{name(c.effect)} {c.mm:.{digits}f} mm" for c in shown)
     return f"Also present: {found}." if found else ""
 
 
 def _odd(d: Diagnosis) -> str:
-    trial = d.detail["misfit"]["outlier_trial"]
+    trial, state = d.detail["misfit"]["outlier_trial"], d.detail["misfit"].get("outlier_state")
     odd = d.attribute.verdict == "unknown" and trial is not None
-    return f"Trial {trial} does not fit the others: check it first." if odd else ""
+    begin = f", above all {state} from the fit" if state else ""
+    return f"Trial {trial} does not fit the others: check it first{begin}." if odd else ""
 
 
 def _pushed(d: Diagnosis) -> str:

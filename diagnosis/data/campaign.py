@@ -78,6 +78,28 @@ class Campaign:
                 out[own] = self.inflated[used[np.minimum(np.searchsorted(used, own), used.size - 1)]]
         return tuple(tuple(int(c) + 1 for c in np.flatnonzero(row)) for row in out)
 
+    points = cached_property[Array](lambda s: np.concatenate([s.tip[None], np.swapaxes(s.trials.markers, 0, 1)]))
+    """(1 + k, n, 3) m, the tip and k markers."""
+
+    @cached_property
+    def repeated(self) -> Array:
+        """(1 + k, n, 3) m, the median of each point in the states of other trials in its condition; NaN where there are none."""
+        out, points = np.full(self.points.shape, np.nan), np.ma.masked_invalid(self.points)
+        for rows in rows_by(self.condition):
+            for trial in np.unique(self.trial[rows]) if np.ptp(self.trial[rows]) else ():
+                own = self.trial[rows] == trial
+                out[:, rows[own]] = np.ma.median(points[:, rows[~own]], axis=1).filled(np.nan)[:, None]
+        return out
+
+    def farthest(self, expected: Array, among: Mask) -> str:
+        """The state, some of (n,), with a point that is farthest from where it is expected (1 + k, n, 3) m, and how far; empty
+        where none is expected."""
+        off = np.where(among & np.isfinite(away := np.linalg.norm(self.points - expected, axis=2)), away, -1.0)
+        point, i = np.unravel_index(off.argmax(), off.shape)
+        time = f" (t = {self.time[i]:.1f} s)" if np.isfinite(self.time[i]) else ""
+        what = f"marker {point} is" if point else "the tip is"
+        return f"{self.trials.place(int(i))}{time}, where {what} {1e3 * off[point, i]:.3g} mm" if off[point, i] > 0 else ""
+
     @property
     def repeats(self) -> int:
         """Number of trials in which a condition was read, median over the conditions in which the gap is looked for."""

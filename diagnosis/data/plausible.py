@@ -85,7 +85,7 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
         f"{robot.length:g} m long ({far.sum()} of {len(tips)} states)"
     )
     times = float(np.median(distance)) / robot.length
-    units = units_near(times, METRES, 1.6)
+    units = [unit for unit, read_as in pairs_near(1 / times, METRES, 1.6) if METRES[read_as] == 1.0]
     if not units:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
@@ -229,11 +229,6 @@ def pairs_near(factor: float, sizes: Mapping[str, float], within: float) -> list
     """Pairs of units, the first a `factor` times as large as the second, within another factor, the nearest first."""
     away = {(a, b): abs(math.log(sizes[a] / sizes[b] / factor)) for a, b in permutations(sizes, 2)}
     return sorted((pair for pair in away if away[pair] < math.log(within)), key=away.__getitem__)
-
-
-def units_near(ratio: float, sizes: Mapping[str, float], within: float) -> list[str]:
-    """All units but that of SI that explain a ratio of numbers found to numbers expected within a factor, the nearest first."""
-    return [unit for unit, read_as in pairs_near(1 / ratio, sizes, within) if sizes[read_as] == 1.0]
 
 
 def in_si(size: float) -> str:

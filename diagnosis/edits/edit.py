@@ -150,7 +150,10 @@ class Variants:
             if name in changed:
                 robot = robot.model_copy(update={key: tuple(changed[name][0].tolist())})
         if "stretch" in changed:
-            robot = with_length(robot, robot.length * float(self.stretch[0, 0]))
+            ratio, drive = float(self.stretch[0, 0]), robot.actuators
+            ends: dict[str, Any] = {drive.words.kind: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}
+            sections = tuple(part.model_copy(update={"length": ratio * part.length}) for part in robot.sections)
+            robot = robot.model_copy(update={"length": ratio * robot.length, "sections": sections, **ends})
         names: dict[str, Sequence[str]] = {"tip": TIP, "orientation": ORIENTATION, "force": FORCE, "moment": MOMENT,
                                            "mass": ("tip_mass",), "roll": ("roll_deg",),
                                            "pressure": pressure_columns(self.pressure.shape[2]),
@@ -217,11 +220,3 @@ class Edit:
             finding(code, words, **values | {"short": words.fill(values["short"]), "p": p, "rather": text})
             for (code, values), text in zip(every, texts, strict=False)
         ]
-
-
-def with_length(robot: Robot, length: float) -> Robot:
-    """The robot with everything along its axis stretched to another length (m), unchecked."""
-    ratio, drive = length / robot.length, robot.actuators
-    ends: dict[str, Any] = {drive.words.kind: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}
-    sections = tuple(part.model_copy(update={"length": ratio * part.length}) for part in robot.sections)
-    return robot.model_copy(update={"length": length, "sections": sections, **ends})

@@ -27,7 +27,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import apart, swapped
+from .order import SAME, apart, swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -115,10 +115,8 @@ def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     found = (2 * azimuths[0] - azimuths + np.degrees(theta[AZIMUTH])) % 360
     if pair := swapped(found, azimuths):
         return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
-    most = int(apart(found, azimuths).argmax())
-    short = words.fill("{actuators} counted the other way")
-    name = f"{short} round, azimuth of {words.actuator} {most + 1}"
-    return _refitted(name, float(azimuths[most]), float(found[most]), "deg", short=short)
+    line = listed(-azimuths if (apart(found, -azimuths) < SAME).all() else found.round())  # as stated, in the other sense
+    return [mistake("counted_other_way", words.fill("{actuators} counted the other way round"), line=line)]
 
 
 def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0, markers: Array | float = 0.0) -> Variants:

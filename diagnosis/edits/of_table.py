@@ -69,7 +69,9 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
         predicted, measured = ([_from_rest(_points(v)[:, :, body], rest)[0] for body in bodies] for v in (rods, sample.described))
-        axes = _nearest_axes(predicted, measured, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
+        frames = [m for m in FRAMES if round(np.linalg.det(m)) in handed]
+        like = np.array([sum(np.nansum(a * (b @ m.T)) for a, b in zip(predicted, measured, strict=True)) for m in frames])
+        axes = frames[int(np.argmax(like + PLAINEST * like.max() * np.array([np.trace(m) for m in frames])))]
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
             kind, prior = ("points", 0.02) if not whole else ("frame", 0.02) if handed == (1,) else MIRROR
@@ -114,13 +116,6 @@ def _mean(places: Array) -> Array:
     """(v, 1, 3) m, of the states (v, n, 3) that were seen; 0 of none."""
     seen = np.isfinite(places).all(axis=2, keepdims=True)
     return np.asarray(np.where(seen, places, 0.0).sum(axis=1, keepdims=True) / np.maximum(seen.sum(axis=1, keepdims=True), 1))
-
-
-def _nearest_axes(predicted: Sequence[Array], measured: Sequence[Array], frames: Sequence[Array]) -> Array:
-    """(3, 3) the axes along which moves (n, 3) m of some bodies are most like those of the rod."""
-    like = np.array([sum(np.nansum(a * (b @ m.T)) for a, b in zip(predicted, measured, strict=True)) for m in frames])
-    plainest = PLAINEST * like.max() * np.array([np.trace(m) for m in frames])
-    return frames[int(np.argmax(like + plainest))]
 
 
 def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Variants, own: Array) -> Variants:

@@ -27,7 +27,7 @@ from scipy.special import ndtri
 from ..arrays import Array, Ints, Mask
 from ..judgement import COMPARABLE, LEAST_DRAWN, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
-from .evidence import KNOWN, NONE, Hypothesis, Weighed
+from .evidence import KNOWN, NONE, Hypothesis
 from .executor import Executor
 from .fit import Fit
 from .jacobian import Columns
@@ -135,7 +135,10 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
     for c, w in zip(candidates, shares(candidates, len(p.ids)).tolist(), strict=True):
         if w < LEAST_DRAWN:
             continue
-        drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
+        sd = np.sqrt(np.maximum(np.diag(c.weighed.covariance), TINY))
+        # by the triangular factor, which is less sensitive to rounding than eigenvectors
+        factor = np.linalg.cholesky(c.weighed.covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
+        drawn = np.clip(c.weighed.mean + standard @ factor.T * sd, p.low, p.high)
         if id(c.fit) not in squares:
             squares[id(c.fit)] = _squares(problem, where, c.fit)
         in_metres, in_floors = _carried(p, where, squares[id(c.fit)], drawn - c.fit.theta[p.of_effect] / p.scale)
@@ -146,13 +149,6 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
         draws.append((in_metres, in_floors, names, *(np.full(DRAWS, x) for x in (w / DRAWS, form_error, tolerant))))
     metres, floors, named, weight, law_errors, tolerances = map(np.concatenate, zip(*draws, strict=True))
     return Budget(p.ids, metres, floors, weight / weight.sum(), law_errors, tolerances, p.law_error, named)
-
-
-def _drawn(weighed: Weighed, standard: Array) -> Array:
-    """(DRAWS, p) of the effects' parameters, by the triangular factor, which is less sensitive to rounding than eigenvectors."""
-    sd = np.sqrt(np.maximum(np.diag(weighed.covariance), TINY))
-    factor = np.linalg.cholesky(weighed.covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
-    return np.asarray(weighed.mean + standard @ factor.T * sd)
 
 
 def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:

@@ -18,6 +18,7 @@ from model.effects.scales import Scales
 from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
+from recordings.trials import marker_columns
 
 from ..arrays import Array, Mask, scattered
 from ..data.campaign import Campaign, Labels, kinds_of
@@ -103,6 +104,11 @@ class Prepared:
     def places(self, values: Array, own: Mask) -> Array:
         """(states, 3) of those among values (n,) that are `own` (n,), of one point; NaN where not measured."""
         return scattered((len(self.states), 3), (self.labels.state[own], self.labels.axis[own]), values[own])
+
+    def points(self, values: Array) -> Array:
+        """(1 + k, states, 3) tip and markers of (n,) values; NaN where not measured."""
+        markers = (np.isin(self.labels.channel, axes) for axes in marker_columns(len(self.states.points) - 1))
+        return np.stack([self.tip(values), *(self.places(values, own) for own in markers)])
 
     def deflection(self, values: Array) -> Array:
         """(states,) m: forces among values (n,) as deflections of each specimen under them, NaN elsewhere."""

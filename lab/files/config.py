@@ -191,6 +191,10 @@ def _convert_model(
         value, sign, spread = raw[key], "", ""
         if isinstance(value, str) and _uncertain(field):
             value, sign, spread = map(str.strip, value.replace("±", "+-").partition("+-"))
+        elif isinstance(value, str) and unit_of(field) and ("+-" in value or "±" in value):
+            may = ", ".join(name for name, other in model.model_fields.items() if _uncertain(other)) or "no key of this table"
+            problems[(*loc, key)] = f"{_dotted((*loc, key))}: {value!r}: +- may follow {may}; for others see `uncertainty`"
+            value = value.replace("±", "+-").partition("+-")[0].strip()
         if sign:
             deviations[_uncertain(field)] = _spread(value, spread, field, (*loc, key), problems)
         out[key] = _convert(value, field, (*loc, key), problems, units)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from diagnosis.data.campaign import settings
 from diagnosis.data.case import Case as Measured
 from diagnosis.findings import Finding, finding
-from model.arrays import Array, Ints, Mask
+from model.arrays import Array, Ints
 from model.condition import States
 from model.robot import Robot
 from model.shown import Shown
@@ -28,7 +28,7 @@ from recordings.trials import Mapped, Table
 from ..console import note
 from ..plain import typed
 from .config import ConfigError, check, parse_yaml, read_yaml
-from .jumps import believed, without_contradicted
+from .jumps import believed, listed, without_contradicted
 from .map_file import stated_map
 from .robot_numbers import doubts
 
@@ -201,12 +201,8 @@ def marked_notes(table: Table) -> list[str]:
     """One line that names the states with clipped set-points, and one for each doubt about states."""
     notes = [("set-points were clipped to the rig's limits before", table.clipped, CLIPPED)]
     notes += [(f"{text} in", table.get("doubt") == doubt, "") for doubt, text in DOUBTS.items()]
-    return [f"{text} {own.sum()} of {len(table)} states: {_named(table, own)}{more}" for text, own, more in notes if own.any()]
-
-
-def _named(table: Table, own: Mask) -> str:
-    states = np.flatnonzero(own).tolist()
-    return ", ".join(table.place(i) for i in states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
+    found = [(text, np.flatnonzero(own), more) for text, own, more in notes if own.any()]
+    return [f"{text} {len(own)} of {len(table)} states: {listed(own, table.place)}{more}" for text, own, more in found]
 
 
 def attached(recording: Recording, name: str) -> str:

@@ -49,8 +49,15 @@ some with laws that snap, one state in 231 is 0.034 lengths away); the share of 
 what lasts for a trial, such as a slip of the mount, makes more."""
 COPIED = 6
 """States in a row that repeat earlier ones to the last digit before they are copies: readings in whole mm may do so by chance."""
+MOST_NAMED = 5
+"""Of states that do not follow each other, in one note."""
 SLIPPED = 3.0
 """Times the highest of the others beyond which a number has a slip of its decimal mark, which makes it ten times as large."""
+ALONE, MUCH_LESS = 0.02, 0.2
+"""Robot lengths beyond which a place is no repeat, though below `STRAY`, if those before and after are off by less than this
+share of it: pressures of one setting differ by up to 2 % of their range, which moves a tip by up to 0.02 lengths."""
+AT_ONCE = 2**20
+"""Distances that are computed at once."""
 BODIES = ("the tip", *(f"marker {k}" for k in range(1, 100)))
 
 
@@ -169,20 +176,35 @@ def without_contradicted(table: Table, robot: Robot) -> Table:
 def believed(table: Table, robot: Robot, place: Callable[[int], str] | None = None) -> Table:
     """A table without states with slips or that repeat others to the last digit, and places far from their repeats, with a
     warning for each; `place` names a state in them, `table.place` if None."""
-    place, every, said = place or table.place, np.flatnonzero(table.with_tip & finite(table)), list(table.warnings)
+    place = place or table.place
+    gone, said = unusable(table, robot, place)
+    kept = np.setdiff1d(np.flatnonzero(table.with_tip & finite(table)), gone)
+    stray = dict(strays(campaign_of(table, kept, kept[:0]), robot.length)) if kept.size else {}
+    said += (f"{place(row)}: {text}" for (row, _), text in stray.items())
+    return replace(without([*stray, *((row, 0) for row in gone)], table)[0], warnings=(*table.warnings, *said))
+
+
+def unusable(table: Table, robot: Robot, place: Callable[[int], str], written_twice: bool = False) -> tuple[list[int], list[str]]:
+    """Rows of states with slips, and that repeat others to the last digit (`written_twice`: with their times); and what to say of
+    them, where `place` names each."""
+    every = np.flatnonzero(table.with_tip & finite(table))
     if not every.size:
-        return table
+        return [], []
     slipped = {int(every[state]): text for state, text in slips(table.take(every), robot)}
-    own = campaign_of(table, np.setdiff1d(every, [*slipped]), every[:0])
-    repeated = list(copies(own))
-    gone = {*slipped}.union(*(rows.tolist() for rows, _ in repeated))
-    stray = dict(strays(own.take(~np.isin(own.row, [*gone])), robot.length))
+    time, found = table.get("t"), copies(campaign_of(table, np.setdiff1d(every, [*slipped]), every[:0]))
+    repeated = [(rows, of) for rows, of in found if not written_twice or np.array_equal(time[rows], time[of])]
+    said = [f"{place(row)}: {text}" for row, text in slipped.items()]
     for blocks in repeated:
-        block, earlier = (" to ".join(dict.fromkeys((place(rows[0]), place(rows[-1])))) for rows in blocks)
+        block, earlier = (listed(rows, place) for rows in blocks)
         said.append(f"{block}: repeats {earlier} to the last digit, as copies and a tracker that stands still do: left out")
-    said += (f"{place(row)}: {text}" for row, text in (*slipped.items(), *((row, text) for (row, _), text in stray.items())))
-    kept, _ = without([*stray, *((row, 0) for row in gone)], table)
-    return replace(kept, warnings=tuple(said))
+    return [*slipped, *(row for rows, _ in repeated for row in rows.tolist())], said
+
+
+def listed(rows: Ints, place: Callable[[int], str]) -> str:
+    """The first and last of rows that follow each other; of others the first few."""
+    if np.ptp(rows) < len(rows):
+        return " to ".join(dict.fromkeys((place(rows[0]), place(rows[-1]))))
+    return ", ".join(map(place, rows[:MOST_NAMED])) + f" and {len(rows) - MOST_NAMED} more" * (len(rows) > MOST_NAMED)
 
 
 def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
@@ -209,9 +231,10 @@ def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
 
 
 def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
-    """Rows (k,) of states, and those of the earlier states whose places they repeat to the last digit: at least `COPIED` in a row
-    at the same pressures; or one the state before it at other pressures, if up to `FEW` of all states (or one) do so. None where
-    all repeats are alike, as in a simulated table."""
+    """Rows (k,) of states, and of those whose places they repeat to the last digit: at least `COPIED` in a row at the pressures
+    of earlier ones; or all but the last at the same pressures and time, if other places have other times; or one the state
+    before it at other pressures, if up to `FEW` of all states (or one) do so. None where all repeats are alike, as in a simulated
+    table."""
     pressures, state = own.trials.pressures, np.arange(len(own))
     read = np.column_stack([own.tip, own.spine_length, own.trials.markers.reshape(len(own), -1)])
     _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
@@ -222,6 +245,12 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
     for rows in (b for b in blocks if b.size >= COPIED and alike[b[0]] and not change[b].any()):
         alike[rows] = False
         yield own.row[rows], own.row[earlier[rows]]
+    for clock in (own.time, distinct(own.trial, own.time)):  # that of the second begins anew in each trial
+        twice = np.flatnonzero(alike & (clock == clock[earlier]) & (change == 0))
+        if twice.size and len(np.unique(clock[first])) == len(first):
+            alike[twice] = False
+            last = twice[np.argsort(earlier[twice], kind="stable")]  # of two at rest the last begins a trial: it stays
+            yield own.row[np.where(np.diff(earlier[last], prepend=-1), earlier[last], np.roll(last, 1))], own.row[last]
     frozen = alike & (np.diff(earlier, prepend=-1) == 0) & (change > CHANGED * np.ptp(pressures))
     for i in np.flatnonzero(frozen).tolist() if alike.sum() <= max(1.0, FEW * len(own)) else ():
         yield own.row[[i]], own.row[earlier[[i]]]
@@ -229,25 +258,46 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
     """Places (state, body) far from those in all states of other trials at the same pressures and loads, however reached, by
-    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), and those out of reach; and what to say of each; of two
-    states, both. None where more than `FEW` of all states are so: the readings of that table are like that."""
+    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or `ALONE` where the states before and after are not, and
+    those out of reach; and what to say of each; of two states, both. None where more than `FEW` of all states are so: the
+    readings of that table are like that."""
     pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
     forces = (levels(along_axis, FORCE_GAP) for along_axis in own.trials.tip_force.T)
     setting = distinct(loads(own.trials), *pressures, *forces)
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
         reach = np.linalg.norm(place, axis=1)
-        off, seen = np.full(len(own), np.nan), np.flatnonzero(reach <= FARTHEST * length)
-        lost = np.flatnonzero(reach > FARTHEST * length)
+        seen, lost = np.flatnonzero(reach <= FARTHEST * length), np.flatnonzero(reach > FARTHEST * length)
         for i in lost.tolist() if len(lost) <= FEW * len(own) else ():
             away = f"{reach[i]:.3g} m from the base, farther than a body of {length:g} m reaches: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
-        for repeats in (seen[rows] for rows in rows_by(setting[seen]) if rows.size > 1):
-            for i in repeats.tolist():
-                others = repeats[own.trial[repeats] != own.trial[i]]  # what lasts for a trial is no mistake in one of its states
-                others = others if others.size else repeats[repeats != i]
-                off[i] = np.linalg.norm(place[others] - place[i], axis=1).min()
+        nearest = np.full(len(own), -1)
+        for rows in (seen[of_setting] for of_setting in rows_by(setting[seen]) if of_setting.size > 1):
+            for part in np.array_split(rows, 1 + rows.size**2 // AT_ONCE):
+                others = own.trial[part, None] != own.trial[rows]  # what lasts for a trial is no mistake in one of its states
+                others |= ~others.any(axis=1, keepdims=True) & (part[:, None] != rows)
+                apart = sum((along[part, None] - along[rows]) ** 2 for along in place.T)
+                nearest[part] = rows[np.where(others, apart, np.inf).argmin(axis=1)]
+        off = np.where(nearest < 0, np.nan, np.linalg.norm(place - place[nearest], axis=1))
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
-        far = np.flatnonzero(off > max(TIMES_SCATTER * usual, STRAY * length))
+        far = np.flatnonzero(off > max(TIMES_SCATTER * usual, ALONE * length))
+        far = far[[off[i] > STRAY * length or _alone(own, place, nearest, off, setting, i) for i in far.tolist()]]
         for i in far.tolist() if len(far) <= FEW * len(own) else ():
             away = f"{1e3 * off[i]:.1f} mm from all its repeats, usually {1e3 * usual:.2g} mm: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
+
+
+def _alone(own: Campaign, place: Array, nearest: Ints, off: Array, setting: Ints, i: int) -> bool:
+    """Whether state i is `off` (m) the nearest repeat of its place (n, 3), while in its trial those before and after, at more
+    than half of each pressure, are not and no other at its setting stands with it: a slip, a first cycle or a drift lasts. And
+    not by up to the steps that the body takes there, as one that snaps, lags or creeps is, nor at a peak: it may snap there."""
+    from scipy.optimize import lsq_linear
+
+    around, own_trial = [i - 1, i + 1], own.trial == own.trial[i]
+    if not 0 < i < len(own) - 1 or not own_trial[around].all() or not (off[around] < MUCH_LESS * off[i]).all():
+        return False
+    alike = (own.pressure[around] > 0.5 * own.pressure[i]) | (own.pressure[i] <= own.pressure_gap)
+    peak = (own.highest[around] < own.highest[i]).all()
+    beside = np.linalg.norm(place[own_trial & (setting == setting[i])] - place[i], axis=1) < 0.5 * off[i]
+    steps, error = place[around] - place[nearest[i]], place[i] - place[nearest[i]]
+    left = np.linalg.norm(lsq_linear(steps.T, error, (-1.0, 1.0)).fun)
+    return bool(alike.all() and not peak and beside.sum() == 1 and left > 0.5 * off[i])

@@ -179,8 +179,10 @@ READERS: Mapping[str, Callable[[Path, Source], Series]] = dict.fromkeys(TABLES, 
     ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": _c3d, ".parquet": _parquet,
 }  # fmt: skip
 RECORDING = ".mcap"
-REMEDIES: Mapping[str, str] = dict.fromkeys((".zstd", ".zst", ".lz4", ".gz", ".zip"), "unpack it first") | dict.fromkeys(
-    (".bag", ".db3"), "convert it with `mcap convert`"
+REMEDIES: Mapping[str, str] = (
+    dict.fromkeys((".zstd", ".zst", ".lz4", ".gz", ".zip"), "unpack it first")
+    | dict.fromkeys((".bag", ".db3"), "convert it with `mcap convert`")
+    | dict.fromkeys((".xlsx", ".xls", ".ods"), "save the sheet as CSV")
 )
 """.. by ending, where a table is not the remedy."""
 KNOWN = (*READERS, RECORDING)

@@ -136,7 +136,10 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     resting = [np.ma.masked_invalid(m[rest]).mean(axis=0).filled(np.nan) * size for m in markers.values() if _spread(m) < moves]
     in_m = from_base * size
     own = pressures if pressures.shape[1] == len(robot.actuators.azimuths_deg) else pressures[:, :0]
-    driven = Driven(own - np.nanmin(own, axis=0, initial=np.inf), _roll(series, headings), _mass_at_rest(series, rest))
+    mounted = [h.name for h in headings if own_column(h) == "roll_deg" and not changes_throughout(series.numbers[h.name])]
+    in_deg = [KINDS["deg"].get(unit_in(series, name, KINDS["deg"]), 1.0) for name in mounted[:1]]
+    roll = np.nan_to_num(series.numbers[mounted[0]]) * in_deg[0] if mounted else np.zeros(len(series))
+    driven = Driven(own - np.nanmin(own, axis=0, initial=np.inf), roll, _mass_at_rest(series, rest))
     _guess_frame(g, in_m, rest, resting, robot, rests, driven)
     for k, t in enumerate(markers, 1):
         g.say(f"points.m{k}.of", [list(t.columns)], "in the order of their motion; the one nearest to the base moves least")
@@ -214,13 +217,6 @@ def _mass_at_rest(series: Series, rest: Mask) -> float | None:
         if unit is not None and quantity(h) == "tip_mass" and np.isfinite(values[rest]).any():
             return float(np.nanmedian(values[rest])) * unit
     return None
-
-
-def _roll(series: Series, headings: Sequence[Heading]) -> Array:
-    """(n,) deg by which the body was turned in its mount, where a heading says so and the angle stays for some rows; else 0."""
-    mounted = [h.name for h in headings if own_column(h) == "roll_deg" and not changes_throughout(series.numbers[h.name])]
-    units = [KINDS["deg"].get(unit_in(series, name, KINDS["deg"]), 1.0) for name in mounted[:1]]
-    return np.nan_to_num(series.numbers[mounted[0]]) * units[0] if mounted else np.zeros(len(series))
 
 
 def changes_throughout(angle: Array) -> bool:

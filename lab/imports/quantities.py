@@ -162,7 +162,11 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     for axes, name in zip(marker_columns(len(names)), names, strict=True):
         columns |= zip(axes, (_marker(file, wanted, values, name) @ frame.T).T, strict=True)
     t = columns["t"] = values["t"] if "t" in values else _time(series, wanted)
-    made = FileRows(series.path, Table(columns | words), constants, np.zeros(n, np.int64), np.arange(n), _counts(series, wanted))
+    given = "trial" if "trial" in wanted.columns else "repeat"
+    counting = [(f"columns.{given}", wanted.columns[given].column)] if given in wanted.columns else []
+    counting += [("trials.change", column) for column in wanted.trials.change]
+    counts = {(key, name_of(series, c, key)): texts(series, c, key, wanted.source.missing) for key, c in counting}
+    made = FileRows(series.path, Table(columns | words), constants, np.zeros(n, np.int64), np.arange(n), counts)
     for what, values_of in (("pressure", pressures), ("tip", tip)):
         missing = ~np.isfinite(values_of).all(axis=1)
         if missing.any():
@@ -256,14 +260,6 @@ def _of_words(series: Series, name: str, column: Column) -> Array:
         return np.array([float(word or "nan") for word in translated(series, name, column, ()).tolist()])
     except ValueError as e:
         raise ConfigError(f"columns.{name}.values: {e}: write numbers, as in `values: {{A: 1, B: 2}}`") from e
-
-
-def _counts(series: Series, wanted: Map) -> dict[tuple[str, str], NDArray[np.str_]]:
-    """Columns whose changes begin trials."""
-    given = "trial" if "trial" in wanted.columns else "repeat"
-    named = [(f"columns.{given}", wanted.columns[given].column)] if given in wanted.columns else []
-    named += [("trials.change", column) for column in wanted.trials.change]
-    return {(key, name_of(series, c, key)): texts(series, c, key, wanted.source.missing) for key, c in named}
 
 
 def _chambers(file: File, values: Mapping[str, Array], constants: Mapping[str, Any]) -> list[str]:

@@ -32,7 +32,7 @@ from recordings.table_file import checked
 from recordings.trials import AXES, HEAD, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
-from ..files.jumps import Jump, at_rest, jumps, loads, slips, without
+from ..files.jumps import Jump, at_rest, jumps, loads, unusable, without
 from ..files.map_file import Map, Name, named, units_for
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
@@ -235,9 +235,9 @@ def conclude(
     states = Table.stacked(parts)
     files = [(series.path.name, series.place, q.row) for series, q, _ in every]
     places = [f"{name}, {place(int(row_of[row]))}" for (name, place, row_of), row in ((files[file], row) for file, row in rows)]
-    slipped = dict(slips(states, robot))
-    notes += (f"{places[state]}: {text}" for state, text in slipped.items())
-    states, kept_states = without([(state, 0) for state in slipped], states)
+    gone, said = unusable(states, robot, places.__getitem__, written_twice=True)
+    notes += said
+    states, kept_states = without([(state, 0) for state in gone], states)
     rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     found = list(jumps(states, float(straight[2]), robot.actuators.words))
     notes += _jump_notes(found, places)
@@ -249,7 +249,11 @@ def conclude(
     elif any(wanted.sensor) and wanted.straight == "as recorded":
         states = _levered(states, np.array(wanted.sensor))
     if wanted.forces == "tip":
-        states = _force_turned(states, wanted.frame.matrix)
+        turn, turned = _turns(states)
+        if not turned.all():
+            t = float(states.get("t")[~turned][0])
+            raise ConfigError(f"forces: the state at t = {t:.3f} s has no orientation, which its force needs")
+        states = _with(states, FORCES, turn.apply(states.tip_force @ wanted.frame.matrix.T))
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states, counted, notes, partial(_unmapped, rows, every))
     notes += _contradictions(table, float(straight[2]))
@@ -267,7 +271,9 @@ def conclude(
         raise ConfigError(f"the map makes no valid table: {e}") from e
     with suppress(BadCase):  # which is said where the table is used
         notes += [str(f) for f in measured.states(measured.Case(robot, table))[1] if f.code == "repeated_within_trials"]
-    rests = [(series.path.name, _rest(q)) for series, q, _ in every]
+    points = ((q, np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)) for _, q, _ in every)
+    resting = (np.ma.masked_invalid(own[at_rest(q.table.pressures)]).mean(axis=0) for q, own in points)
+    rests = [(series.path.name, rest.filled(np.nan)) for (series, _, _), rest in zip(every, resting, strict=True)]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     if robot.chambers is not None:
@@ -396,12 +402,6 @@ def _jump_notes(found: Sequence[Jump], places: Sequence[str]) -> Iterator[str]:
         yield f"{place}: {jump.text}{asked}"
 
 
-def _rest(q: FileRows) -> Array:
-    """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
-    places = np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)
-    return np.asarray(np.ma.masked_invalid(places[at_rest(q.table.pressures)]).mean(axis=0).filled(np.nan))
-
-
 # ------------------------------------------------------------------ frames
 def _straight_point(robot: Robot) -> Array:
     """(3,) m: the end of the straight body, or the point beside it that robot.yaml states as tracked (marker_offset)."""
@@ -441,15 +441,6 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     offset = places[:, :both] - markers[resting, :both]
     marker_shift[:both] = np.ma.masked_invalid(offset).mean(axis=0).filled(0.0)
     return _placed(table, table.tip + shift, markers + marker_shift)
-
-
-def _force_turned(states: Table, frame: Array) -> Table:
-    """States with their force brought from the tip's axes into those of the base."""
-    turn, turned = _turns(states)
-    if not turned.all():
-        t = float(states.get("t")[~turned][0])
-        raise ConfigError(f"forces: the state at t = {t:.3f} s has no orientation, which its force needs")
-    return _with(states, FORCES, turn.apply(states.tip_force @ frame.T))
 
 
 # ------------------------------------------------------------------ states

@@ -315,21 +315,16 @@ def _data_rows(
             f"{path}: no line below line {after} holds numbers; correct source.{'units' if source.units else 'heading'}" if after
             else f"{path}: no line holds numbers; is {separator!r} its separator (source.separator)?"
         )  # fmt: skip
-    data[: _numbers_above_headings(data, commented, words)] = False
+    # lines of numbers, of channels say, may stand above a heading: the table's own rows begin below it
+    data_lines, headed = np.flatnonzero(data), ~data & ~commented & (words.sum(axis=1) >= DATA_SHARE * words.shape[1])
+    above = range(min(MOST_ABOVE, len(data_lines) // 2), 0, -1)
+    data[: next((data_lines[k] for k in above if headed[data_lines[k - 1] : data_lines[k]].any()), 0)] = False
     clean = np.flatnonzero(data & full & ~has_word)
     behind = np.arange(len(has_word)) > (clean[-1] if len(clean) else len(has_word))
     # behind the last clean line, words that stand nowhere else ("mean", "total") begin what sums the table up
     for k in np.flatnonzero(number_columns & words[behind].any(axis=0)).tolist():
         data &= ~(behind & words[:, k] & ~frame[k].duplicated(keep=False).to_numpy())
     return data, int(np.argmax(data))
-
-
-def _numbers_above_headings(data: Mask, commented: Mask, words: Mask) -> int:
-    """The line below which the table's own rows begin, where lines of numbers, of channels say, stand above a heading."""
-    rows = np.flatnonzero(data)
-    headed = ~data & ~commented & (words.sum(axis=1) >= DATA_SHARE * words.shape[1])
-    above = range(min(MOST_ABOVE, len(rows) // 2), 0, -1)
-    return next((int(rows[k]) for k in above if headed[rows[k - 1] : rows[k]].any()), 0)
 
 
 def _is_cut_off(last: Sequence[str], above: pd.DataFrame) -> bool:

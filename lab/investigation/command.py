@@ -263,7 +263,8 @@ def run(w: argparse.Namespace) -> Result:
     def diagnosed(r: Round) -> None:
         weighing.stop()
         rounds.append(r)
-        _show(r)
+        leading = ", ".join(f"{' + '.join(x.effects) or 'none'} {x.probability:.2f}" for x in r.diagnosis.attribute.ranking[:4])
+        out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
 
     ended: BaseException | None = None
     investigation: Investigation | None = None
@@ -310,11 +311,6 @@ def _again(w: argparse.Namespace, inputs: Sequence[Path], unreadable: str = "") 
     words = [word for name, values in several for value in values if value for word in (name, value)]
     hands = ("--no-hands",) if w.no_hands else ()
     return typed("lab", "investigate", *inputs, "--rig", w.rig, "--out", f"{w.out}-2", *hands, *words)
-
-
-def _show(r: Round) -> None:
-    leading = ", ".join(f"{' + '.join(x.effects) or 'none'} {x.probability:.2f}" for x in r.diagnosis.attribute.ranking[:4])
-    out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
 
 
 def _predicted(f: Predicted) -> None:

@@ -123,7 +123,7 @@ def explained(d: Diagnosis) -> str:
 def small(d: Diagnosis) -> str:
     """Identifiers of what is named, to type into commands, and what the probability rests on."""
     named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
-    present = sentences.also_present(d.budget, lambda effect: plain_name(effect, d.names), 2)
+    present = sentences.also_present(d, lambda effect: plain_name(effect, d.names), 2)
     sure = sentences.limited(d) or f"Probability p: {d.detail['calibrated_on']}"
     return f"{present and present + ' '}{named}{sure}. Gap: error of the {d.locate.of}."
 

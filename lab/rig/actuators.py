@@ -91,7 +91,9 @@ class Actuators:
         self.lost = ""
         """Why the guard is lost; empty while it lives."""
         try:
-            self._commands.send(Start(str(rig.path), rig.sha256, rig.body.max_pressure, clock.start, despite_latch, _about()))
+            command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])[:200]
+            about = f"{command} (process {os.getpid()}, since {time.strftime('%H:%M')})"  # for others who want the rig
+            self._commands.send(Start(str(rig.path), rig.sha256, rig.body.max_pressure, clock.start, despite_latch, about))
             self._answer(0, "start", START_WITHIN)
             self._last_sign = self.pulse.awake.now
         except BaseException:
@@ -225,12 +227,6 @@ class Actuators:
             LIVING_ON.append(self._process)
             return
         end_child(self._process, 5.0)
-
-
-def _about() -> str:
-    """This program, for others who want the rig."""
-    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])[:200]
-    return f"{command} (process {os.getpid()}, since {time.strftime('%H:%M')})"
 
 
 @contextlib.contextmanager

@@ -61,7 +61,11 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     seal = json.dumps({"effect": name, "size": float(size), "salt": rng.bytes(16).hex()})
     digest = hashlib.sha256(seal.encode()).hexdigest()
     began, codes = time.monotonic(), list[int]()
-    _clear(folder)
+    if folder.is_dir() and any(folder.iterdir()):
+        if not (folder / SEALED).is_file():
+            raise ConfigError(f"{folder}: is not empty and holds no demo; delete it, or give another folder with --out")
+        shutil.rmtree(folder)  # an earlier demo's
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / SEALED).write_text(f"{digest}\n")
     out.print(f"One effect is switched on and withheld; sealed as sha256 {digest}")
 
@@ -108,15 +112,6 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     out.print(f"Open {folder / 'report.html'}", soft_wrap=True)
     out.print(f"Done in {time.monotonic() - began:.0f} s.")
     return Result(code=1 if 1 in codes else 0)
-
-
-def _clear(folder: Path) -> None:
-    """Make an empty folder, replacing an earlier demo's. Raises ConfigError for one that holds anything else."""
-    if folder.is_dir() and any(folder.iterdir()):
-        if not (folder / SEALED).is_file():
-            raise ConfigError(f"{folder}: is not empty and holds no demo; delete it, or give another folder with --out")
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True, exist_ok=True)
 
 
 VERBS = (

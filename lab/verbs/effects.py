@@ -19,7 +19,7 @@ from rich.table import Column, Table
 from diagnosis.answer.headline import for_people
 from model.actuators import Words
 from model.arrays import Array
-from model.effects import CATALOGUE, EffectSpec, ForwardModel, Parameter, design_from_columns
+from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
 from model.effects.design import Columns
 from model.effects.scales import scales
 from model.effects.spec import STAGES
@@ -222,16 +222,11 @@ def _table(effect_signatures: list[Signature], robot: Robot) -> Table:
             factor, unit = (1, "N") if s.how == "stiffness" else (1e3, "mm")
             moves = f"{s.rms * factor:.2g} {unit}" if visible else "nothing"
             hidden = f"{100 * s.hidden:.0f} %" if unit == "mm" and visible else ""
-            sizes = ", ".join(_size(p, words) for p in s.effect.parameters if p.role == "size")
+            of_size = ((p.name, *for_people(p.scale, p.unit, words)) for p in s.effect.parameters if p.role == "size")
+            sizes = ", ".join("{} {:.3g} {}".format(*size).strip() for size in of_size)
             table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
     table.caption = "* share of the squared tip change that one common factor on the chamber area would absorb"
     return table
-
-
-def _size(p: Parameter, words: Words) -> str:
-    """Name and plausible size as a person reads it."""
-    size, unit = for_people(p.scale, p.unit, words)
-    return f"{p.name} {size:.3g} {unit}".strip()
 
 
 def _as_dict(s: Signature) -> dict[str, object]:

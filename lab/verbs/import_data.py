@@ -18,7 +18,7 @@ from ..files.jumps import believed
 from ..files.map_file import Source, map_of
 from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
-from ..imports.formats import KNOWN, read
+from ..imports.formats import KNOWN, REMEDIES, read
 from ..imports.guess import guess_map, lacks
 from ..imports.joining import experiments, joined, on_one_clock, stream_of
 from ..imports.proposal import Guess, asking, guess_text
@@ -102,15 +102,17 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
         raise ConfigError(f"no heading of these files names {missing}: {each}. Name the columns so, or write map.yaml by hand")
     if failed:
         raise failed[0]
-    raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
+    remedy = next((REMEDIES[path.suffix.lower()] for path in inputs if path.suffix.lower() in REMEDIES), "export it as CSV")
+    raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)}); {remedy}")
 
 
 def grouped(proposed: Guess) -> dict[str, list[str]]:
-    """Keys of a proposed map by their common reason, without the doubtful ones."""
+    """Keys of a proposed map by their common reason, without the doubtful ones but columns, of which nobody is to miss one."""
     found: dict[str, list[str]] = {}
     for key, reason in proposed.reasons.items():
-        found.setdefault(reason, []).append(key)
-    return {reason: keys for reason, keys in found.items() if keys[0] not in proposed.doubtful}
+        doubtful, column = key in proposed.doubtful, key.startswith("columns.")
+        found.setdefault(reason + "; see `unconfirmed`" * (doubtful and column), []).append(key)
+    return {reason: keys for reason, keys in found.items() if keys[0] not in proposed.doubtful or keys[0].startswith("columns.")}
 
 
 def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace_all: bool = False) -> Result:

@@ -130,7 +130,12 @@ def invert(
 ) -> Result:
     """Pressures and spine lengths (m; None: free) for wanted tips; `groups` share a regulator. Raises ConfigError, ModelError."""
     table, _ = _columns_in_si(targets_path, "w?[xyz]", "x, y, z (m, or x [mm] ..)", robot.actuators.words)
-    place, weight = _coordinates(targets_path, table)
+    m = len(next(iter(table.values())))
+    place = np.stack([np.asarray(table.get(k, np.full(m, np.nan)), float) for k in "xyz"], axis=1)  # NaN: free
+    if (none := ~np.isfinite(place).any(axis=1)).any():
+        raise ConfigError(f"{targets_path}: row {int(np.argmax(none)) + 1} has no coordinate; give x, y or z in m")
+    weight = np.stack([np.asarray(table.get(f"w{k}", np.ones(m)), float) for k in "xyz"], axis=1)
+    weight = np.where(np.isfinite(weight), weight, 1.0)
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
         limits = limits_of(robot, groups, spine=fixed)
@@ -275,17 +280,6 @@ def _judge(robot: Robot, states: Columns) -> list[str]:
     lacking, lengths = sorted({*own} - given), np.asarray(states["spine_length"], float)
     _, outside = outside_known(robot, np.nan_to_num(_pressures(robot, states)), lengths, states.get("tip_mass"))
     return [f"no column of {words.group(lacking)}: taken as 0 {words.unit}"] * bool(lacking) + outside
-
-
-def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
-    """Targets (m, 3), NaN where free, and their weights (m, 3)."""
-    m = len(next(iter(table.values())))
-    place = np.stack([np.asarray(table.get(k, np.full(m, np.nan)), float) for k in "xyz"], axis=1)
-    weight = np.stack([np.asarray(table.get(f"w{k}", np.ones(m)), float) for k in "xyz"], axis=1)
-    none = ~np.isfinite(place).any(axis=1)
-    if none.any():
-        raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} has no coordinate; give x, y or z in m")
-    return place, np.where(np.isfinite(weight), weight, 1.0)
 
 
 def _sheet(

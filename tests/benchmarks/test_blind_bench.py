@@ -28,6 +28,7 @@ from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from recordings.table_file import read_csv
 from tests.lab.diagnosed_case import EULER
+from tests.simulated.bench import raises
 
 
 @pytest.fixture(scope="module")
@@ -176,8 +177,7 @@ def test_a_changed_truth_is_noticed(small_set: Path) -> None:
     assert len(open_seal(folder)) == 3
     folder.seal.chmod(0o600)
     folder.seal.write_text(folder.seal.read_text() + " ")
-    with pytest.raises(ConfigError, match="changed after it was committed"):
-        open_seal(folder)
+    raises(ConfigError, "changed after it was committed", open_seal, folder)
 
 
 def test_a_set_is_not_made_over_another(made: Path) -> None:
@@ -230,8 +230,7 @@ def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> No
 
 
 def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: Path) -> None:
-    with pytest.raises(ConfigError, match="have no answer"):
-        score(small_set)
+    raises(ConfigError, "have no answer", score, small_set)
     assert bench.run(small_set, always_none) == 3
     result = score(small_set)
     write(result, small_set)
@@ -240,8 +239,7 @@ def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: 
     assert any(m.key == "top1" for m, _ in result.shortfalls)
     assert sheet(result).row_count > 10
     json.dumps(result.as_dict(), allow_nan=False)
-    with pytest.raises(ConfigError, match="not blind"):
-        bench.run(small_set, always_none)
+    raises(ConfigError, "not blind", bench.run, small_set, always_none)
 
 
 def test_answers_of_another_method_are_scored_on_the_same_cases(
@@ -261,13 +259,11 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
     words = ["score", str(small_set), "--answers", str(theirs)]
     assert main([*words, "--json"]) in (0, 1) and json.loads(capsys.readouterr().out)["schema"] == "blind-score/1"
     assert (theirs / "score.json").exists()
-    with pytest.raises(ConfigError, match="not blind"):
-        bench.run(small_set, always_none)
+    raises(ConfigError, "not blind", bench.run, small_set, always_none)
     (theirs / f"{min(truth)}.json").write_text("[1]")
     assert main(words) == 2 and "holds no answer; write {" in capsys.readouterr().err
     (theirs / f"{min(truth)}.json").unlink()
-    with pytest.raises(ConfigError, match=r"have no answer .* write .*CASE\.json"):
-        score(small_set, theirs)
+    raises(ConfigError, r"have no answer .* write .*CASE\.json", score, small_set, theirs)
 
 
 # ------------------------------------------------------------------ figures

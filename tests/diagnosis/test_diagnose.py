@@ -230,3 +230,5 @@ def test_repeats_that_scatter_are_stated_in_mm() -> None:
     assert set(SCATTERS) == {PRESSURE, *(source.spec.id for source in (*BY_TRIAL, *REPEATS))}
     assert f"scatter by {found.locate.noise_floor_mm:.2f} mm rms, the noise floor" in scatter
     assert re.search(r"shifts in its mount by ([\d.]+) mm along each axis, [\d.]+ times as much as usual", scatter), scatter
+    farthest = re.search(r"Farthest off is trial \d+ step \d+.*, where .* is ([\d.]+) mm from its repeats at the same", scatter)
+    assert farthest is not None and float(farthest[1]) == pytest.approx(5.0, abs=2.0), scatter

@@ -111,7 +111,9 @@ def test_chambers_counted_the_other_way_round_are_found(case: Measured) -> None:
     mirrored = ROBOT.chambers.model_copy(update={"azimuths_deg": tuple(-a for a in ROBOT.chambers.azimuths_deg)})
     told = by_groups(case, ROBOT.model_copy(update={"chambers": mirrored}))
     first = edit_first(told.robot, states(told)[0])
+    line = ", ".join(f"{azimuth:g}" for azimuth in ROBOT.chambers.azimuths_deg)
     assert len(first.changes) == 1 and "the other way round" in first.changes[0].text
+    assert f"write `azimuths_deg: [{line}]` in robot.yaml" in first.changes[0].text
     assert first.robot.chambers.azimuths_deg == pytest.approx(ROBOT.chambers.azimuths_deg, abs=0.5)
 
 

@@ -229,13 +229,17 @@ def test_no_two_sentences_contradict(posterior: EffectPosterior, enough: bool, g
         after = 3.0 if share is None else 3.0 * (1 - share)
         shrunk = Shrink("leave one spine length out", 3.0, after, 0.5, share, None, ())
         found = replace(facts(posterior, enough, gap, asking), shrink=shrunk)
-        found = replace(found, detail={**found.detail, "misfit": {"outlier_trial": 3}})
-        text = statement(found)
+        misfit = {"outlier_trial": 3, "outlier_state": "trial 3 step 4, where marker 1 is 12 mm"}
         named = found.attribute.verdict == "effect"
+        present = () if named else (Carries("base_tilt", "present", 9.0, 8.0, 10.0),)  # the best hypothesis, nearest to the gap
+        found = replace(found, detail={**found.detail, "misfit": misfit}, budget=(*found.budget, *present))
+        text = statement(found)
         assert sum(text.count(head) for head in HEADS) == 1
         assert ("moves the tip" in text) == named
         assert not (named and "not in the catalogue" in text)
-        assert ("check it first" in text) == (found.attribute.verdict == "unknown")
+        told = "check it first, above all trial 3 step 4, where marker 1 is 12 mm from the fit."
+        assert (told in text) == (found.attribute.verdict == "unknown")
+        assert ("9.00 mm" in text) == (not named and (share is None or share >= 0))
         if share is not None and share < 0:
             assert "is closed" not in text and "closes" not in text
             assert ("worse" in text) == named

@@ -425,8 +425,7 @@ def test_a_changed_unit_of_measure_is_refused_before_the_next_trial(
     device.panel("unlock")
     assert device.panel("unit", unit)
     raises(WrongDevice, f"(?i)unit C shows {unit} .*register FPF 6.*kPa is needed", regulators.confirm_settings)
-    with pytest.raises(WrongDevice):
-        regulators.set((20e3,) * 3)
+    raises(WrongDevice, None, regulators.set, (20e3,) * 3)
     assert setpoints(fake) == [0.0] * 3
     assert device.panel("unit", "kPa")
     regulators.confirm_settings()

@@ -64,8 +64,7 @@ def test_answers_that_come_late_are_no_restart(pair: tuple[Any, Any], seed: int)
 def test_a_restart_is_told_also_after_late_answers_and_when_the_unit_was_stopped_first(pair: tuple[Any, Any]) -> None:
     unit, fake = pair
     fake.faults.delay = 0.33
-    with pytest.raises(InstrumentError):
-        unit.read()
+    raises(InstrumentError, None, unit.read)
     fake.faults.delay = 0.0
     assert recovered(unit).homed
     fake.reset(silence=0.0)

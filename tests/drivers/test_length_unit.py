@@ -136,8 +136,7 @@ def test_a_jammed_spine_is_reported_as_a_stall_until_the_next_command(bench: Ben
     under_way(unit)
     bench.plant.spine_blocked = True
     fault_of(unit, "(?i)un-jam")
-    with pytest.raises(DeviceFault):
-        unit.read()
+    raises(DeviceFault, None, unit.read)
     bench.plant.spine_blocked = False
     unit.move_to(0.1, 0.05)
     assert arrive(unit).length == pytest.approx(0.1, abs=6e-4)
@@ -149,8 +148,7 @@ def test_a_unit_that_restarted_has_lost_its_zero(make: Make) -> None:
     homed(unit)
     fake.faults.extra["restart"] = True
     fault_of(unit, "restarted")
-    with pytest.raises(NotReady):
-        unit.move_to(0.1, 0.02)
+    raises(NotReady, None, unit.move_to, 0.1, 0.02)
     unit.home()
     assert watch(unit, lambda s: s.homed).length == pytest.approx(0.0, abs=1e-4)
 

@@ -102,8 +102,7 @@ def test_an_answer_that_came_too_late_is_not_taken_for_another_question(opened: 
     fake.noise = 0.0
     gauge = opened()
     fake.faults.delay = 0.7
-    with pytest.raises((NoReply, BadReply)):
-        gauge.read()
+    raises((NoReply, BadReply), None, gauge.read)
     fake.faults.delay = 0.0
     plant.vacuum_absolute = 20e3
     timing.sleep(1.0)

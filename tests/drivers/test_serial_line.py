@@ -69,8 +69,7 @@ def test_an_answer_comes_without_its_terminator_and_what_follows_stays(end: Othe
 
 def test_asking_throws_stale_input_away_first(end: OtherEnd, line: SerialLine) -> None:
     end.say(b"late answer\rrest")
-    with pytest.raises(NoReply):
-        line.ask(b"A\r", b"\r")
+    raises(NoReply, None, line.ask, b"A\r", b"\r")
     assert end.heard() == b"A\r"
 
 
@@ -178,8 +177,7 @@ def test_a_silent_line_gets_a_new_handle_when_it_is_opened_again(
     monkeypatch.setattr(serial_line.serial, "Serial", make)
     line.open()
     assert not made
-    with pytest.raises(NoReply):
-        line.ask(b"A\r", b"\r")
+    raises(NoReply, None, line.ask, b"A\r", b"\r")
     line.open()
     assert len(made) == 1
 

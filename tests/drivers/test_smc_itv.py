@@ -78,8 +78,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(opened: Opened
     assert regulators.read().measured[0] < 5e3
     slow.faults.delay = 1.0  # later than the time-out of 0.5 s, sooner than what is held to be lost
     for _ in range(3):
-        with pytest.raises(InstrumentError):
-            regulators.read()
+        raises(InstrumentError, None, regulators.read)
     slow.device.setpoint = 100  # inflated behind our back: every answer of before is wrong now
     for _ in range(6):
         try:

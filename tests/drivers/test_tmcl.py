@@ -135,8 +135,7 @@ def test_a_search_that_was_cut_short_is_not_taken_for_homed(make: Make) -> None:
     spine.home()
     stands(module)
     raises(DeviceFault, "without reaching the switch", watch, spine, lambda s: s.homed)
-    with pytest.raises(NotReady):
-        spine.move_to(0.1, 0.02)
+    raises(NotReady, None, spine.move_to, 0.1, 0.02)
 
 
 def test_a_damaged_motor_driver_costs_the_zero(make: Make) -> None:
@@ -144,5 +143,4 @@ def test_a_damaged_motor_driver_costs_the_zero(make: Make) -> None:
     homed(spine)
     module.faults.extra["driver"] = 1 << 1
     raises(DeviceFault, "overheated", spine.read)
-    with pytest.raises(NotReady):
-        spine.move_to(0.1, 0.02)
+    raises(NotReady, None, spine.move_to, 0.1, 0.02)

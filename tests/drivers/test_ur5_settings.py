@@ -73,8 +73,7 @@ def test_what_the_pendant_changes_after_open_is_named_and_refused_at_open_where_
 ) -> None:
     with a_ur5e(rig) as arm:
         rig.process.backdoor(**change)
-        with pytest.raises((NotReady, WrongDevice), match=message):
-            arm.confirm_settings()
+        raises((NotReady, WrongDevice), message, arm.confirm_settings)
     if at_open is not None:
         with pytest.raises((NotReady, WrongDevice), match=at_open), a_ur5e(rig, payload=0.8):
             pass

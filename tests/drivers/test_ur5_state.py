@@ -120,8 +120,7 @@ def test_a_sped_up_e_series_shows_its_own_cycle() -> None:
         stream.driver.close()
         stream.driver.close()
         assert timing.now() - start < 30.0
-        with pytest.raises(NotReady):
-            stream.driver.latest()
+        raises(NotReady, None, stream.driver.latest)
 
 
 @pytest.mark.parametrize(("seen", "missing"), [({*range(60)} - {3, 4}, 2), (range(0, 60, 2), 29), ([*range(50, 90), 0, 1], 0)])

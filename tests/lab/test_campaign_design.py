@@ -297,8 +297,7 @@ def test_a_person_is_asked_when_the_set_up_changes_and_not_before_every_run() ->
         hands.prepare(setup)
     assert person.prepared == [light, heavy, light] and hands.asked == 3
     person.willing = False
-    with pytest.raises(Stopped):
-        hands.prepare(heavy)
+    raises(Stopped, None, hands.prepare, heavy)
     person.willing = True
     hands.prepare(light)  # how far it was changed is not known
     assert hands.asked == 4
@@ -331,5 +330,4 @@ def test_a_journal_tells_what_is_done_although_its_last_line_is_torn(tmp_path: P
 )  # fmt: skip
 def test_a_journal_that_cannot_be_right_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "campaign.journal").write_text(text)
-    with pytest.raises(BadJournal):
-        read(tmp_path / "campaign.journal")
+    raises(BadJournal, None, read, tmp_path / "campaign.journal")

@@ -17,9 +17,12 @@ from foreign import ROBOT, by_map, guessed, plain, tips
 
 import lab
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
+from diagnosis.data.case import campaign_of
 from lab.files.config import ConfigError, load
-from lab.files.jumps import believed
+from lab.files.jumps import believed, strays
+from lab.imports.proposal import Guess
 from lab.imports.table import Imported
+from lab.verbs.import_data import grouped
 from model.robot import Robot
 from recordings.table_file import write_csv
 from recordings.trials import TIP, Table
@@ -183,6 +186,22 @@ def test_a_place_far_from_its_repeats_is_left_out_and_places_that_scatter_are_no
     assert len(lab.case(slipped.to_pandas(), ROBOT).table) == 3 * STATES
 
 
+@pytest.mark.parametrize(
+    ("error", "states", "found"),
+    [((0.0, 9e-3, 0.0), [7], 1), ((0.0, 9e-3, 0.0), [7, 8], 0), ((0.0, 9e-3, 0.0), [9], 0), ((-9e-3, 0.0, 0.0), [7], 0)],
+)  # fmt: skip
+def test_one_place_off_the_path_is_left_out_and_what_lasts_snaps_at_the_peak_or_lags_is_not(
+    error: tuple[float, ...], states: list[int], found: int
+) -> None:
+    pressures, n = np.tile([0.0, 60e3, 80e3, 100e3, 120e3], 16), 80
+    tip = np.column_stack([1e-6 * pressures, np.zeros(n), np.full(n, 0.3)])
+    tip += np.random.default_rng(0).normal(0.0, 2e-4, tip.shape)
+    tip[states] += error
+    columns = {"trial": np.arange(n) // 5, "p1": pressures, **dict(zip(TIP, tip.T, strict=True))}
+    own = campaign_of(Table({"spine_length": np.zeros(n), **columns}), np.arange(n), np.arange(0))
+    assert len(list(strays(own, 0.3))) == found
+
+
 def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) -> None:
     content = text(MANY, headings=NAMES, change=lambda k, c: (with_middle if k < 500 else exchanged)(k, c))
     made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
@@ -237,6 +256,19 @@ def test_few_slipped_numbers_and_a_tracker_that_stands_still_are_left_out(
     assert len(believed(good, robot)) == 3 * STATES
     assert len(kept) == 3 * STATES - len(kept.warnings) == 3 * STATES - bool(text)
     assert not text or re.match(f"trial .* step .*: {text}", kept.warnings[0])
+
+
+def test_rows_that_were_written_twice_count_once_and_are_imported_once(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).normal(0.0, 0.3, STATES)
+    content = text(FEW, headings=NAMES, change=lambda k, c: with_middle(k, [*c[:4], f"{float(c[4]) + noise[k]:.3f}", *c[5:]]))
+    head, *rows = content.splitlines()
+    twice = np.sort([*range(STATES), 0, 10, 20])
+    once, made = (read_all(tmp_path, {"a.csv": "\n".join([head, *(rows[k] for k in own)])}) for own in (range(STATES), twice))
+    assert made.table == once.table
+    assert any("line 2, a.csv, line 13, a.csv, line 24: repeats a.csv, line 3, a.csv, line 14" in note for note in made.notes)
+    kept = believed(replace(once.table.take(twice), warnings=()), load(ROBOT, Robot))
+    assert kept == once.table
+    assert len(kept.warnings) == 1
 
 
 # ------------------------------------------------------------------ several files
@@ -427,7 +459,16 @@ def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], 
         assert any("are set-points; no measured pressures were found" in d for d in made.doubts)
 
 
-@pytest.mark.parametrize(("name", "remedy"), [("a.xlsx", "export it as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")])
+def test_the_column_of_a_tip_in_doubt_is_listed_with_the_others() -> None:
+    proposed = Guess()
+    proposed.say("columns.x", {"column": "LED X"}, "it moves most")
+    proposed.doubt("columns.x", "no heading names a tip")
+    assert grouped(proposed) == {"it moves most; see `unconfirmed`": ["columns.x"]}
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"), [("a.xlsx", "save the sheet as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")]
+)
 def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(name: str, remedy: str, tmp_path: Path, cli: Cli) -> None:
     (tmp_path / name).write_bytes(b"SQLite format 3\0")
     (tmp_path / "map.yaml").write_text(yaml.safe_dump({"columns": plain(**COLUMNS), "robot": str(ROBOT)}))

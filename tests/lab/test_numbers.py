@@ -48,8 +48,7 @@ def test_what_is_none_is_refused_everywhere(text: str, tmp_path: Path, cli: Cli)
     for read, said in product((number, whole_number), (text, 100_000 * "1" + "x")):  # a long one at once
         raises(ValueError, "is not a", read, said)
     for quantity in (text, f"{text} m"):
-        with pytest.raises(UnitError):
-            to_si(quantity, "m")
+        raises(UnitError, None, to_si, quantity, "m")
     for key in ("plain", "length", "count"):
         for value in (text, f"'{text}'"):
             with pytest.raises(ConfigError, match=rf"{key}|usable number|valid YAML"):

@@ -358,8 +358,7 @@ def test_a_request_counts_once_and_what_was_never_carried_out_is_told() -> None:
         for kind in ("pause", "pause", "repeat", "finish", "finish", "go on", "go on"):
             steering.ask(kind, "page")
         for kind, text in (("dance", ""), ("note", "  \n "), ("note", "x" * (LONGEST + 1))):
-            with pytest.raises(BadRequest):
-                steering.ask(kind, "page", text)
+            raises(BadRequest, None, steering.ask, kind, "page", text)
         assert run.finished == 1 and not steering.take("pause") and not steering.take("skip")
     assert [kind for kind, *_ in run.kept] == ["pause", "repeat", "finish", "go on"]
     assert run.said[-1].startswith("repeat: this was asked and not carried out")

@@ -20,6 +20,7 @@ from model.prediction.residual import LearntResidual
 from model.robot import Robot, robot_from_dict
 from model.stated import Residual
 from tests.model.test_stated_effects import POSTERIOR
+from tests.simulated.bench import raises
 
 GROUPS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 AZIMUTH = {"chamber_azimuth": {"angle": {"value": 0.1, "sd": 0.01, "unit": "rad"}}}
@@ -114,10 +115,8 @@ def test_many_states_on_several_cores_come_back_in_their_order(paper_robot: Robo
 
 def test_what_cannot_be_predicted_is_refused(paper_robot: Robot) -> None:
     at = Predictor(robot_with(paper_robot, AZIMUTH))
-    with pytest.raises(BadCondition, match=r"arcs: 0\.5 m must lie between 0 and the robot's length 0\.4 m"):
-        at([0.0] * 9, arcs=[0.5])
-    with pytest.raises(BadCondition, match="9 chambers"):
-        at([0.0] * 8)
+    raises(BadCondition, r"arcs: 0\.5 m must lie between 0 and the robot's length 0\.4 m", at, [0.0] * 9, arcs=[0.5])
+    raises(BadCondition, "9 chambers", at, [0.0] * 8)
     with pytest.raises(BadCondition, match="intervals=True"):
         at([0.0] * 9).interval()
     with pytest.raises(BadRobot, match="obstacle_azimuth_deg"):
@@ -162,8 +161,7 @@ def test_targets_out_of_reach_are_told_with_the_nearest_point(paper_robot: Robot
     ],
 )
 def test_limits_that_the_robot_does_not_have_are_refused(paper_robot: Robot, more: dict[str, Any], told: str) -> None:
-    with pytest.raises(BadCondition, match=told):
-        limits_of(paper_robot, **more)
+    raises(BadCondition, told, limits_of, paper_robot, **more)
 
 
 def test_every_effect_of_the_catalogue_can_be_predicted_with(paper_robot: Robot) -> None:
@@ -312,7 +310,6 @@ def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(learnt: t
 
 def test_too_few_states_and_a_wrong_table_are_refused(paper_robot: Robot, learnt: tuple[Residual, float]) -> None:
     trial, pressure, length, missed = learnt_states()
-    with pytest.raises(BadCase, match="5 states with a tip in 1 trial"):
-        learn_residual(trial[:5], pressure[:5], length[:5], missed[:5])
+    raises(BadCase, "5 states with a tip in 1 trial", learn_residual, trial[:5], pressure[:5], length[:5], missed[:5])
     with pytest.raises(BadRobot, match=r"residual.amplitude = -1.0 m"):
         robot_from_dict({**paper_robot.model_dump(), "residual": {**learnt[0].model_dump(), "amplitude": -1.0}})

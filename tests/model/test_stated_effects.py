@@ -103,8 +103,7 @@ def test_an_effect_of_ones_own_may_stand_there_and_takes_part_like_any_other(pap
     own = EffectSpec("colder", "material", "", (Parameter("excess", "1", 0.1, -0.5, 1.0),), Law(before=colder), "", "")
     robot = robot_from_dict(stating(paper_robot, effects={"colder": {"excess": {"value": 0.2, "unit": "1"}}}))
     columns = campaign(lengths=(0.1,), levels=(60e3,))
-    with pytest.raises(BadRobot, match=r"effects\.colder: is not known.*--effects"):
-        Moved(robot, columns)
+    raises(BadRobot, r"effects\.colder: is not known.*--effects", Moved, robot, columns)
     with_it, plain = Moved(robot, columns, catalogue=with_effects([own])), Moved(robot.plain, columns, catalogue={})
     assert np.abs(with_it.still - plain.still).max() > 1e-3 < np.abs(with_it.by(colder__excess=0.2)).max()
     with pytest.raises(BadEffect, match="taken"):

@@ -17,6 +17,7 @@ from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.messages import sensor
 from recordings.states.rules import Window
+from tests.simulated.bench import raises
 
 TOPIC = "/force"
 
@@ -79,18 +80,15 @@ def test_a_window_in_which_a_stream_paused_is_read_again(tmp_path: Path) -> None
     ids=["where something creeps", "again and again"],
 )
 def test_a_pause_is_no_reading(tmp_path: Path, pauses: list[tuple[float, float]], repeatable: bool) -> None:
-    with pytest.raises(NotReached, match="usable samples of /force"):
-        read(tmp_path / "run.mcap", pauses, repeatable)
+    raises(NotReached, "usable samples of /force", read, tmp_path / "run.mcap", pauses, repeatable)
 
 
 def test_the_stream_that_is_silent_is_named_before_those_that_are_not(tmp_path: Path) -> None:
     silent = r"not reached within 30 s: sensors\.skin: no sample for 30\.\d s; check .*; newest samples of the others: force at"
-    with pytest.raises(NotReached, match=silent):
-        read(tmp_path / "sensor.mcap", [], False, (TOPIC, HUMIDITY.topic))
+    raises(NotReached, silent, read, tmp_path / "sensor.mcap", [], False, (TOPIC, HUMIDITY.topic))
     with pytest.raises(NotReached, match=r"within 30 s: force: no sample for 29\.\d s; check [^;]*$"):
         read(tmp_path / "force.mcap", [(0.6, 1e9)], False)
-    with pytest.raises(NotReached, match="mocap: no sample yet; check .* NEEDS"):
-        read(tmp_path / "never.mcap", [], False, (TOPIC, "/tip"))
+    raises(NotReached, "mocap: no sample yet; check .* NEEDS", read, tmp_path / "never.mcap", [], False, (TOPIC, "/tip"))
 
 
 def test_a_skip_is_of_the_trial_in_which_it_was_asked_even_at_its_very_end(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from recordings.json_text import read_json
 from recordings.states.rules import Settled, State
 from recordings.table_file import read_csv
 from recordings.trials import TrialRow
+from tests.simulated.bench import raises
 
 HEAD = "trial,step,protocol,repeat,branch,t,spine_length,p1,x,y,z"
 ROW = "1,1,bending,1,load,1,0,0,0,0,0"
@@ -22,8 +23,7 @@ STATE = state(rule=Settled())
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 5000, "9" * 5000, '"\\ud800"', "", b"\xff", "\0", "[" * 60 + "]" * 60])
 def test_json_that_is_too_deep_too_long_or_no_json_is_a_value_error(text: str | bytes) -> None:
-    with pytest.raises(ValueError):
-        read_json(text)
+    raises(ValueError, None, read_json, text)
 
 
 def test_json_with_many_flat_lists_and_brackets_in_texts_is_read() -> None:
@@ -73,8 +73,7 @@ def test_a_table_beyond_all_measure_is_refused_at_once(tmp_path: Path, text: str
     if word is None:
         assert read_csv(tmp_path / "trials.csv").ignored == ("m999999999x",)
         return
-    with pytest.raises(BadTable, match=word):
-        read_csv(tmp_path / "trials.csv")
+    raises(BadTable, word, read_csv, tmp_path / "trials.csv")
 
 
 @pytest.mark.parametrize(
@@ -84,8 +83,7 @@ def test_a_journal_with_such_a_line_is_refused(tmp_path: Path, line: str) -> Non
     (tmp_path / "a.journal").write_text(
         f'{{"journal": 1, "campaign": "c", "protocol": "bending"}}\n{{"recording": "a.mcap", "first_trial": 1}}\n{line}\n'
     )
-    with pytest.raises(BadJournal, match="cannot be understood"):
-        read_journal(tmp_path / "a.journal")
+    raises(BadJournal, "cannot be understood", read_journal, tmp_path / "a.journal")
 
 
 def test_counts_that_are_none_are_left_out() -> None:

@@ -27,8 +27,7 @@ def test_a_symbolic_link_is_not_opened_whether_it_leads_anywhere_or_not(tmp_path
     (tmp_path / "loose").symlink_to(tmp_path / "elsewhere" / "new")
     for name in ("link", "loose"):
         raises(OSError, "symbolic link", opened, tmp_path / name, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
-        with pytest.raises(FileExistsError):
-            created(tmp_path / name)
+        raises(FileExistsError, None, created, tmp_path / name)
     assert target.read_text() == "as it was" and not (tmp_path / "elsewhere" / "new").exists()
 
 

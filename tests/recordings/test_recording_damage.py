@@ -19,6 +19,7 @@ from recordings.file.recover import Recovery, recover
 from recordings.file.tail import Tail
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
+from tests.simulated.bench import raises
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +61,7 @@ def test_a_file_cut_anywhere_is_told_as_such_and_read_as_far_as_it_goes(own: Pat
     data, full, path = own.read_bytes(), Recording.open(own), tmp_path / "cut.mcap"
     for size in (*np.random.default_rng(3).integers(8, len(data), 40).tolist(), len(data) - 300, len(data) - 8):
         path.write_bytes(data[:size])
-        with pytest.raises(Truncated, match=r"\d+ of \d+ bytes, \d+ chunks.*lab recover"):
-            Recording.open(path)
+        raises(Truncated, r"\d+ of \d+ bytes, \d+ chunks.*lab recover", Recording.open, path)
         cut, told = Recording.open(path, truncated=True), verify(path)
         for topic in {"/tip", "/pressure"} & set(cut.topics):
             samples = cut.stream(topic)
@@ -158,10 +158,8 @@ def test_what_is_missing_is_counted_in_the_new_file_and_shown_by_info(tmp_path: 
 def test_the_source_stays_and_nothing_is_written_over(own: Path, tmp_path: Path) -> None:
     before = own.read_bytes()
     (tmp_path / "there.mcap").write_text("precious")
-    with pytest.raises(WriteFailed, match="exists"):
-        recover(own, tmp_path / "there.mcap")
-    with pytest.raises(WriteFailed, match="cannot be written"):
-        recover(own, tmp_path / "no such folder" / "a.mcap")
+    raises(WriteFailed, "exists", recover, own, tmp_path / "there.mcap")
+    raises(WriteFailed, "cannot be written", recover, own, tmp_path / "no such folder" / "a.mcap")
     recover(own, tmp_path / "new.mcap")
     assert own.read_bytes() == before and (tmp_path / "there.mcap").read_text() == "precious"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["new.mcap", "there.mcap"]

@@ -21,6 +21,7 @@ from recordings.file.tail import Tail
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
 from recordings.states.rules import Window
+from tests.simulated.bench import raises
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +47,7 @@ def test_a_message_without_a_field_is_read_by_the_runtime(whole: Path, tmp_path:
 
 def test_another_schema_version_and_a_missing_stream_are_refused_by_name(whole: Path, tmp_path: Path) -> None:
     other = Recording.open(rewritten(whole, tmp_path / "b.mcap", channel={"schema_version": "7"}))
-    with pytest.raises(OtherVersion, match="schema version 7, this software reads 1"):
-        other.stream("/tip")
+    raises(OtherVersion, "schema version 7, this software reads 1", other.stream, "/tip")
     with pytest.raises(MissingStream, match="/pressure"):
         Recording.open(whole).stream("/temperature")
     with pytest.raises(MissingStream, match="not a stream of numbers"):
@@ -64,18 +64,15 @@ def followed(path: Path) -> None:
 def test_another_kind_of_file_is_told(tmp_path: Path, content: bytes, way: Callable[[Path], object]) -> None:
     (tmp_path / "a.mcap").write_bytes(content)
     if content or way is not followed:  # an empty file may still be written
-        with pytest.raises(NotARecording, match="not an MCAP file"):
-            way(tmp_path / "a.mcap")
-    with pytest.raises(NotARecording, match="cannot be read"):
-        way(tmp_path / "absent.mcap")
+        raises(NotARecording, "not an MCAP file", way, tmp_path / "a.mcap")
+    raises(NotARecording, "cannot be read", way, tmp_path / "absent.mcap")
 
 
 @pytest.mark.parametrize("way", [Tail, Recording.open, verify, recover])
 def test_a_pipe_or_a_folder_is_no_recording_and_nobody_waits_for_one(tmp_path: Path, way: Callable[[Path], object]) -> None:
     os.mkfifo(pipe := tmp_path / "pipe.mcap")
     for other in (pipe, tmp_path):
-        with pytest.raises(NotARecording):
-            way(other)
+        raises(NotARecording, None, way, other)
 
 
 def test_an_index_that_lies_or_leaves_out_messages_misleads_nobody_and_is_noticed(whole: Path, tmp_path: Path) -> None:

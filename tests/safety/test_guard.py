@@ -173,8 +173,7 @@ def test_when_both_are_killed_the_rig_is_locked_until_a_person_clears_it(
 ) -> None:
     inflate(rig, small)
     os.kill(rig.actuators._process.pid, signal.SIGKILL)
-    with pytest.raises(ActuatorsLost):
-        rig.actuators.pressure.read()
+    raises(ActuatorsLost, None, rig.actuators.pressure.read)
     assert small.latch.exists()
     with pytest.raises(RigLocked, match="interrupted.*lab safe --clear"), Rig(load_rig(small.rig)):
         pass

@@ -13,6 +13,7 @@ import timing
 from sim_fakes.instrument import loopback
 from sim_fakes.ur.__main__ import factor
 from sim_fakes.ur.process import UrProcess, free_host
+from tests.simulated.bench import raises
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +71,7 @@ def test_the_stream_begins_after_start_steps_by_one_cycle_and_ends_with_pause(cl
     client.send("P")
     assert any(kind == "P" for kind, _ in iter(client.receive, None))
     client.line.settimeout(0.1)
-    with pytest.raises(TimeoutError):
-        client.receive()
+    raises(TimeoutError, None, client.receive)
 
 
 def test_an_unknown_variable_and_a_rate_above_the_cycle_are_not_accepted(process: UrProcess, client: Client) -> None:
@@ -153,8 +153,7 @@ def test_a_data_package_that_fits_no_recipe_is_noted(
 @pytest.mark.parametrize("raw", [b"\x00\x01S", b"\xff\xffS", b"\x00\x03Z", b"\x00\x04S\x01"])
 def test_a_malformed_packet_ends_the_connection(process: UrProcess, client: Client, raw: bytes) -> None:
     client.line.sendall(raw)
-    with pytest.raises(ConnectionError):
-        client.receive()
+    raises(ConnectionError, None, client.receive)
     assert process.backdoor()["violations"]
 
 
@@ -163,8 +162,7 @@ def test_nothing_goes_before_the_protocol_version_and_an_unknown_one_is_refused(
     assert other.ask("V", struct.pack(">H", 9)) == b"\x00"
     other.close()
     client = Client(process.host, negotiate=False)
-    with pytest.raises(ConnectionError):
-        client.ask("v")
+    raises(ConnectionError, None, client.ask, "v")
     client.close()
 
 
@@ -181,10 +179,8 @@ def test_a_stuck_value_stays_while_the_stamps_go_on(process: UrProcess, client: 
 
 
 def test_a_bad_request_at_the_back_door_is_explained(process: UrProcess) -> None:
-    with pytest.raises(ValueError, match="unknown request 'dance'"):
-        process.backdoor("dance")
-    with pytest.raises(ValueError, match="out of reach"):
-        process.backdoor("set", pose=[2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    raises(ValueError, "unknown request 'dance'", process.backdoor, "dance")
+    raises(ValueError, "out of reach", process.backdoor, "set", pose=[2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 def test_it_ends_with_the_process_that_started_it() -> None:
@@ -203,5 +199,4 @@ def test_it_ends_with_the_process_that_started_it() -> None:
 
 def test_only_loopback_addresses_and_speeds_above_0_are_taken() -> None:
     for convert, wrong in ((loopback, "10.0.0.1"), (factor, "0")):
-        with pytest.raises((ValueError, argparse.ArgumentTypeError)):
-            convert(wrong)
+        raises((ValueError, argparse.ArgumentTypeError), None, convert, wrong)
