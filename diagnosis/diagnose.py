@@ -123,8 +123,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
-    drifts = tuple(drift(edited.states.take(~edited.states.pushed)))
-    doubtful = bool(far or edited.changes or tense or drifts)
+    of_table = (*(f for f in findings if f.code == "shifted"), *drift(edited.states.take(~edited.states.pushed)))
+    doubtful = bool(far or edited.changes or tense or of_table)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
@@ -132,7 +132,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(
-            causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense, *drifts), len(alone))
+            causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense, *of_table), len(alone))
         )
     answer = Diagnosis(
         statement="",
@@ -143,8 +143,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         next_experiment=proposals,
         findings=(
             *edited.concerns,
-            *drifts,
-            *findings,
+            *of_table,
+            *(f for f in findings if f not in of_table),
             *([settled] if settled is not None else ()),
             *reasons,
             *far,

@@ -127,21 +127,22 @@ def headline(
     `by_calibration`: share of the reducible gap that calibration closes, if that is most of it; `calibrated`: what it changed;
     `beyond`: it reached its limit; `alone`: one effect in its place leaves no larger error than the named ones.
     """
-    a, speech = d.attribute, Speech(d, catalogue, robot)
+    a, speech, found = d.attribute, Speech(d, catalogue, robot), {f.code: f.values for f in d.findings}
     closed = None if d.shrink is None else d.shrink.share_closed
     p = f"({a.p})"
+    if shift := found.get("shifted"):
+        return "Unclear: positions are logged {by} {when} from {first} to {last}: correct this first.".format(**shift)
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' + a.missing[0] if a.missing else ''}."
     if beyond:
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
-    drift = next((f for f in d.findings if f.code == "drift"), None)
-    if drift is not None and (a.verdict != "effect" or a.effects == (THRUST,)):
-        return f"Unclear: the robot at rest drifts by {drift.values['mm']:.1f} mm over the trials; a cause may be hidden."
+    if "drift" in found and (a.verdict != "effect" or a.effects == (THRUST,)):
+        return f"Unclear: the robot at rest drifts by {found['drift']['mm']:.1f} mm over the trials; a cause may be hidden."
     closes, changed = f"Calibration closes {percent(by_calibration or 0.0)} %", f": {calibrated}" if calibrated else ""
     calibration_closes = "" if by_calibration is None else f"{closes} of the gap{f' ({calibrated})' if calibrated else ''}"
     other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
     other = f"perhaps {_name_all(a.too_small, speech)}{a.p_too_small}" if a.too_small else other
-    if a.effects == (THRUST,) and any(f.code == "thrust_settled" for f in d.findings):  # that is certain; p is of the rest
+    if a.effects == (THRUST,) and "thrust_settled" in found:  # that is certain; p is of the rest
         walls = d.words.fill("The side walls carry the {actuators}' thrust")
         first = walls if by_calibration is None else f"{closes} of the gap"
         return _short_enough(f"{first}; {other}. Write `thrust: walls`.", f"{first}; {other}.")

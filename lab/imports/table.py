@@ -21,6 +21,7 @@ from diagnosis.arrays import rows_by
 from diagnosis.data import case as measured
 from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
+from diagnosis.data.shift import shifted
 from diagnosis.errors import BadCase
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -265,6 +266,8 @@ def conclude(
         table = replace(table, mapped=replace(mapped, base=None if others else base))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
+    places = list(compress(places, kept_states))
+    notes += map(str, shifted(table, robot.length, places.__getitem__))
     with suppress(BadCase):  # which is said where the table is used
         notes += [str(f) for f in measured.states(measured.Case(robot, table))[1] if f.code == "repeated_within_trials"]
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
@@ -281,7 +284,7 @@ def conclude(
             )
         )
     asked = tuple(q for q in questions if q not in wanted.confirmed)
-    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked, tuple(compress(places, kept_states)))
+    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked, tuple(places))
 
 
 def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:

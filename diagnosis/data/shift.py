@@ -1,0 +1,107 @@
+"""Whether a run of rows holds the places of other rows, as from a row on that a logger lost or wrote twice.
+
+Places y_i (m) of the tip follow the settings u_i of their rows, pressures and loads, each from -1 to 1, by
+
+    y_i = f(u_(i + k)) in rows a <= i < b,   y_i = f(u_i) elsewhere,   f: a polynomial,
+
+with the a, b, k and f of the least squares. From f(u_i) to f(u_(i + k)) places lie at a share w of the way (least squares): 1 in
+these rows, 0 elsewhere. A lag or hysteresis begins at no row, and its w is in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import combinations, combinations_with_replacement
+
+import numpy as np
+
+from recordings.trials import Table, counted
+
+from .. import judgement
+from ..arrays import Array, Ints, Mask, rms
+from ..findings import Finding, finding
+from .levels import FORCE_GAP, LOADS, pressure_gap
+from .plausible import FARTHEST
+
+
+def shifted(states: Table, length: float, place: Callable[[int], str] | None = None) -> Iterator[Finding]:
+    """A finding if states of a robot of `length` (m) hold the places of other rows; `place` names one, from 0."""
+    rows, most = np.flatnonzero(~states.pushed), judgement.SHIFT_MOST
+    table, every, none = states.take(rows), np.arange(len(rows)), np.full(len(rows), most)
+    tip, seen = table.tip, np.linalg.norm(table.tip, axis=1) <= FARTHEST * length
+    terms = _terms(table, int(seen.sum()) // judgement.SHIFT_ROWS_PER_TERM)
+    if terms.shape[1] < 2:
+        return
+    whence = every + np.arange(-most, most + 1)[:, None]  # (shifts, n) row whose settings count
+    known, whence = (whence >= 0) & (whence < len(every)), whence.clip(0, len(every) - 1)
+
+    def fitted(shift: Ints) -> tuple[Array, Array]:
+        """f (n, 3) of each row's settings, where places are those of a shift (n,), and squares (shifts, n) that each leaves."""
+        use = seen & known[shift, every]
+        f = terms @ np.linalg.lstsq(terms[whence[shift, every]][use], tip[use], rcond=1e-6)[0]
+        return f, np.where(known & seen, ((tip - f[whence]) ** 2).sum(axis=2), 0.0)
+
+    for _ in range(2):  # a place that the settings of no row near it explain says nothing
+        least = np.where(known, fitted(none)[1], np.inf).min(axis=0)
+        seen &= least <= judgement.SHIFT_STRAY**2 * np.median(least[seen])
+    ends = combinations(np.linspace(0, len(every), judgement.SHIFT_PARTS + 1).astype(int).tolist(), 2)
+    starts = [np.where((every >= a) & (every < b), k, most) for a, b in ends for k in range(2 * most + 1) if k != most]
+    shift = min(starts, key=lambda shift: float(fitted(shift)[1][shift, every].sum()))
+    for _ in range(judgement.SHIFT_ROUNDS):
+        f, squares = fitted(shift)
+        run = np.pad(np.cumsum(np.where(known, squares - squares[most], 0.0), axis=1), ((0, 0), (1, 0)))
+        k, end = divmod(int(np.argmin(run - np.maximum.accumulate(run, axis=1))), len(every) + 1)
+        begin = end - int(np.argmax(run[k, end::-1]))
+        shift = np.where((every >= begin) & (every < end), k, most)
+    there, by, use = shift != most, k - most, seen & known[k]
+    way, off = f[whence[k]] - f, tip - f
+    size, left = np.linalg.norm(way, axis=1), np.linalg.norm(off - way * there[:, None], axis=1)
+    telling = use & (size > rms(left[use]))
+    inside, outside = telling & there, telling & ~there
+
+    def share(own: Mask) -> float:
+        """w, times the squares of the way."""
+        return float((off * way)[own].sum() / max((size[own] ** 2).sum(), 1e-300))
+
+    whole = np.count_nonzero(use & ~there) < judgement.SHIFT_LEAST
+    if (
+        inside.sum() < judgement.SHIFT_LEAST
+        or abs(share(inside) - 1) > judgement.SHIFT_WAY
+        or abs(share(outside)) > judgement.SHIFT_WAY
+        or np.linalg.norm(way[inside].sum(axis=0)) > judgement.SHIFT_ONE_WAY * size[inside].sum()
+        or rms(left[inside]) > judgement.SHIFT_LEFT * np.sqrt(fitted(none)[1][most, inside].mean())
+        or (not whole and outside.sum() < judgement.SHIFT_LEAST)
+        or (whole and by < 0 and rms(left[inside]) > judgement.SHIFT_DELAY * rms(off[inside]))
+    ):
+        return
+    begin, end = begin * (begin + by > 0), len(every) if end + by >= len(every) else end
+    first, last = map(place or states.place, (int(rows[begin]), int(rows[end - 1])))
+    when, where, back = ("early", "below", "down") if by > 0 else ("late", "above", "up")
+    own, mm = 1e3 * rms(off[inside]), 1e3 * rms(left[inside])
+    yield finding(
+        "shifted",
+        first=first,
+        last=last,
+        states=end - begin,
+        by=counted(abs(by), "row"),
+        when=when,
+        where=where,
+        back=back,
+        own_mm=own,
+        mm=mm,
+    )
+
+
+def _terms(table: Table, most: int) -> Array:
+    """(n, terms) products of the settings that vary, up to the degree of which there are no more than `most`."""
+    gaps = [*[pressure_gap(table)] * table.pressures.shape[1], *LOADS.values(), *[FORCE_GAP] * 3]
+    settings = np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS), table.tip_force])
+    varied = settings[:, np.ptp(settings, axis=0) > gaps] if most else settings[:, :0]
+    u = 2 * (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0)
+    out = [np.ones((len(u), 1))]
+    for degree in range(1, judgement.SHIFT_DEGREE + 1):
+        more = [u[:, of].prod(axis=1) for of in map(list, combinations_with_replacement(range(u.shape[1]), degree))]
+        if not more or len(out) + len(more) > most:
+            break
+        out += more
+    return np.column_stack(out)
