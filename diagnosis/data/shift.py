@@ -1,6 +1,6 @@
 """Whether a run of rows holds the places of other rows, as from a row on that a logger lost or wrote twice.
 
-Places y_i (m) of the tip follow the settings u_i of their rows, pressures and loads, each from -1 to 1, by
+Places y_i (m) of the tip follow the settings u_i of their rows, pressures and loads over their ranges, by
 
     y_i = f(u_(i + k)) in rows a <= i < b,   y_i = f(u_i) elsewhere,   f: a polynomial,
 
@@ -18,7 +18,7 @@ import numpy as np
 from recordings.trials import Table, counted
 
 from .. import judgement
-from ..arrays import Array, Ints, Mask, rms
+from ..arrays import Array, Ints, rms
 from ..findings import Finding, finding
 from .levels import FORCE_GAP, LOADS, pressure_gap
 from .plausible import FARTHEST
@@ -57,39 +57,22 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
     way, off = f[whence[k]] - f, tip - f
     size, left = np.linalg.norm(way, axis=1), np.linalg.norm(off - way * there[:, None], axis=1)
     telling = use & (size > rms(left[use]))
-    inside, outside = telling & there, telling & ~there
-
-    def share(own: Mask) -> float:
-        """w, times the squares of the way."""
-        return float((off * way)[own].sum() / max((size[own] ** 2).sum(), 1e-300))
-
-    whole = np.count_nonzero(use & ~there) < judgement.SHIFT_LEAST
+    inside, outside, whole = telling & there, telling & ~there, np.count_nonzero(use & ~there) < judgement.SHIFT_LEAST
+    w_in, w_out = ((off * way)[own].sum() / max((size[own] ** 2).sum(), 1e-300) for own in (inside, outside))
+    own, mm = rms(off[inside]), rms(left[inside])
     if (
-        inside.sum() < judgement.SHIFT_LEAST
-        or abs(share(inside) - 1) > judgement.SHIFT_WAY
-        or abs(share(outside)) > judgement.SHIFT_WAY
+        min(inside.sum(), len(every) if whole else outside.sum()) < judgement.SHIFT_LEAST
+        or max(abs(w_in - 1), abs(w_out)) > judgement.SHIFT_WAY
         or np.linalg.norm(way[inside].sum(axis=0)) > judgement.SHIFT_ONE_WAY * size[inside].sum()
-        or rms(left[inside]) > judgement.SHIFT_LEFT * np.sqrt(fitted(none)[1][most, inside].mean())
-        or (not whole and outside.sum() < judgement.SHIFT_LEAST)
-        or (whole and by < 0 and rms(left[inside]) > judgement.SHIFT_DELAY * rms(off[inside]))
+        or mm > judgement.SHIFT_LEFT * np.sqrt(fitted(none)[1][most, inside].mean())
+        or (whole and by < 0 and mm > judgement.SHIFT_DELAY * own)
     ):
         return
     begin, end = begin * (begin + by > 0), len(every) if end + by >= len(every) else end
     first, last = map(place or states.place, (int(rows[begin]), int(rows[end - 1])))
     when, where, back = ("early", "below", "down") if by > 0 else ("late", "above", "up")
-    own, mm = 1e3 * rms(off[inside]), 1e3 * rms(left[inside])
-    yield finding(
-        "shifted",
-        first=first,
-        last=last,
-        states=end - begin,
-        by=counted(abs(by), "row"),
-        when=when,
-        where=where,
-        back=back,
-        own_mm=own,
-        mm=mm,
-    )
+    yield finding("shifted", first=first, last=last, states=end - begin, by=counted(abs(by), "row"), when=when, where=where,
+                  back=back, own_mm=1e3 * own, mm=1e3 * mm)  # fmt: skip
 
 
 def _terms(table: Table, most: int) -> Array:
@@ -97,11 +80,8 @@ def _terms(table: Table, most: int) -> Array:
     gaps = [*[pressure_gap(table)] * table.pressures.shape[1], *LOADS.values(), *[FORCE_GAP] * 3]
     settings = np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS), table.tip_force])
     varied = settings[:, np.ptp(settings, axis=0) > gaps] if most else settings[:, :0]
-    u = 2 * (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0)
-    out = [np.ones((len(u), 1))]
+    u, out = (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0), [np.ones((len(varied), 1))]
     for degree in range(1, judgement.SHIFT_DEGREE + 1):
         more = [u[:, of].prod(axis=1) for of in map(list, combinations_with_replacement(range(u.shape[1]), degree))]
-        if not more or len(out) + len(more) > most:
-            break
-        out += more
+        out += more if len(out) + len(more) <= most else []
     return np.column_stack(out)
