@@ -28,8 +28,8 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
     """A finding if states of a robot of `length` (m) hold the places of other rows; `place` names one, from 0."""
     rows, most = np.flatnonzero(~states.pushed), judgement.SHIFT_MOST
     table, every, none = states.take(rows), np.arange(len(rows)), np.full(len(rows), most)
-    tip, seen = table.tip, np.linalg.norm(table.tip, axis=1) <= FARTHEST * length
-    terms = _terms(table, int(seen.sum()) // judgement.SHIFT_ROWS_PER_TERM)
+    tip, given = table.tip, np.linalg.norm(table.tip, axis=1) <= FARTHEST * length
+    terms, seen = _terms(table, int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM), given
     if terms.shape[1] < 2:
         return
     whence = every + np.arange(-most, most + 1)[:, None]  # (shifts, n) row whose settings count
@@ -39,17 +39,16 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
         """f (n, 3) of each row's settings, where places are those of a shift (n,), and squares (shifts, n) that each leaves."""
         use = seen & known[shift, every]
         f = terms @ np.linalg.lstsq(terms[whence[shift, every]][use], tip[use], rcond=1e-6)[0]
-        return f, np.where(known & seen, ((tip - f[whence]) ** 2).sum(axis=2), 0.0)
+        return f, np.where(known & given, ((tip - f[whence]) ** 2).sum(axis=2), 0.0)
 
-    for _ in range(2):  # a place that the settings of no row near it explain says nothing
-        least = np.where(known, fitted(none)[1], np.inf).min(axis=0)
-        seen &= least <= judgement.SHIFT_STRAY**2 * np.median(least[seen])
     ends = combinations(np.linspace(0, len(every), judgement.SHIFT_PARTS + 1).astype(int).tolist(), 2)
     starts = [np.where((every >= a) & (every < b), k, most) for a, b in ends for k in range(2 * most + 1) if k != most]
     shift = min(starts, key=lambda shift: float(fitted(shift)[1][shift, every].sum()))
     for _ in range(judgement.SHIFT_ROUNDS):
         f, squares = fitted(shift)
-        run = np.pad(np.cumsum(np.where(known, squares - squares[most], 0.0), axis=1), ((0, 0), (1, 0)))
+        least = np.where(known, squares, np.inf).min(axis=0)  # a place that the settings of no row near it explain says nothing
+        seen = given & (least <= judgement.SHIFT_STRAY**2 * np.median(least[given]))
+        run = np.pad(np.cumsum(np.where(known & seen, squares - squares[most], 0.0), axis=1), ((0, 0), (1, 0)))
         k, end = divmod(int(np.argmin(run - np.maximum.accumulate(run, axis=1))), len(every) + 1)
         begin = end - int(np.argmax(run[k, end::-1]))
         shift = np.where((every >= begin) & (every < end), k, most)
@@ -68,7 +67,7 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
         or (whole and by < 0 and mm > judgement.SHIFT_DELAY * own)
     ):
         return
-    begin, end = begin * (begin + by > 0), len(every) if end + by >= len(every) else end
+    begin, end = begin * bool(use[:begin].any()), end if use[end:].any() else len(every)
     first, last = map(place or states.place, (int(rows[begin]), int(rows[end - 1])))
     when, where, back = ("early", "below", "down") if by > 0 else ("late", "above", "up")
     yield finding("shifted", first=first, last=last, states=end - begin, by=counted(abs(by), "row"), when=when, where=where,
