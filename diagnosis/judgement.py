@@ -75,7 +75,7 @@ SHIFT_MOST = 3
 """Rows by which places may be early or late."""
 SHIFT_DEGREE, SHIFT_ROWS_PER_TERM = 4, 4
 """Highest degree of the polynomial in the settings, and fewest states for each of its terms."""
-SHIFT_PARTS, SHIFT_ROUNDS = 8, 6
+SHIFT_PARTS, SHIFT_ROUNDS = 6, 6
 """Parts of the table at whose ends the search begins, and how often rows and polynomial are fitted in turn."""
 SHIFT_STRAY = 6.0
 """Median distances from the polynomial, with the settings of any row near it, beyond which a place is left out."""

@@ -38,7 +38,8 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
     def fitted(shift: Ints) -> tuple[Array, Array]:
         """f (n, 3) of each row's settings, where places are those of a shift (n,), and squares (shifts, n) that each leaves."""
         use = seen & known[shift, every]
-        f = terms @ np.linalg.lstsq(terms[whence[shift, every]][use], tip[use], rcond=1e-6)[0]
+        own = terms[whence[shift, every][use]]
+        f = terms @ np.linalg.lstsq(own.T @ own, own.T @ tip[use], rcond=1e-10)[0]
         return f, np.where(known & given, ((tip - f[whence]) ** 2).sum(axis=2), 0.0)
 
     ends = combinations(np.linspace(0, len(every), judgement.SHIFT_PARTS + 1).astype(int).tolist(), 2)

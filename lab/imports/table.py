@@ -261,8 +261,8 @@ def conclude(
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
         unit = min((q.unit for _, q, _ in every if q.unit is not None), default=None)
         base, *others = {q.base for _, q, _ in every}
-        mapped = wanted.mapped(unit, call=every[0][0].form == FRAME)
-        table = replace(table, mapped=replace(mapped, base=None if others else base))
+        mapped = replace(wanted.mapped(unit, call=every[0][0].form == FRAME), base=None if others else base)
+        table = replace(table, mapped=mapped)
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     with suppress(BadCase):  # which is said where the table is used
