@@ -29,9 +29,9 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
     rows, most = np.flatnonzero(~states.pushed), judgement.SHIFT_MOST
     table, every, none = states.take(rows), np.arange(len(rows)), np.full(len(rows), most)
     tip, given = table.tip, np.linalg.norm(table.tip, axis=1) <= FARTHEST * length
-    terms, seen = _terms(table, int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM), given
-    if terms.shape[1] < 2:
+    if not given.any():
         return
+    terms, seen = _terms(table, int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM), given
     whence = every + np.arange(-most, most + 1)[:, None]  # (shifts, n) row whose settings count
     known, whence = (whence >= 0) & (whence < len(every)), whence.clip(0, len(every) - 1)
 
@@ -79,7 +79,7 @@ def _terms(table: Table, most: int) -> Array:
     """(n, terms) products of the settings that vary, up to the degree of which there are no more than `most`."""
     gaps = [*[pressure_gap(table)] * table.pressures.shape[1], *LOADS.values(), *[FORCE_GAP] * 3]
     settings = np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS), table.tip_force])
-    varied = settings[:, np.ptp(settings, axis=0) > gaps] if most else settings[:, :0]
+    varied = settings[:, np.ptp(settings, axis=0) > gaps]
     u, out = (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0), [np.ones((len(varied), 1))]
     for degree in range(1, judgement.SHIFT_DEGREE + 1):
         more = [u[:, of].prod(axis=1) for of in map(list, combinations_with_replacement(range(u.shape[1]), degree))]
