@@ -82,6 +82,7 @@ def _terms(table: Table, most: int) -> Array:
     varied = settings[:, np.ptp(settings, axis=0) > gaps]
     u, out = (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0), [np.ones((len(varied), 1))]
     for degree in range(1, judgement.SHIFT_DEGREE + 1):
-        more = [u[:, of].prod(axis=1) for of in map(list, combinations_with_replacement(range(u.shape[1]), degree))]
-        out += more if len(out) + len(more) <= most else []
+        factors = list(combinations_with_replacement(range(u.shape[1]), degree))
+        if len(out) + len(factors) <= most:
+            out += [u[:, list(of)].prod(axis=1) for of in factors]
     return np.column_stack(out)
