@@ -6,7 +6,7 @@ answer is reported as a concern with the result.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,9 +33,8 @@ class Case:
     table: Table
 
 
-def states(case: Case, place: Callable[[int], str] | None = None) -> tuple[Campaign, tuple[Finding, ...]]:
-    """The states with a tip and those of stiffness trials, and concerns about the table, where `place` names a row, from 0, or
-    else `Table.place`; raises `BadCase`."""
+def states(case: Case) -> tuple[Campaign, tuple[Finding, ...]]:
+    """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     table, rows = case.table, np.arange(len(case.table))
     of_robot, of_pushes = rows[table.with_tip], rows[complete(table)]
@@ -53,7 +52,7 @@ def states(case: Case, place: Callable[[int], str] | None = None) -> tuple[Campa
         raise BadCase("\n".join(wrong))
     require_plausible_pushes(robot, table.take(usable_pushes))
     campaign = campaign_of(table, usable, usable_pushes)
-    return campaign, (*shifted(table, robot.length, place), *concerns, *_concerns(campaign, robot))
+    return campaign, (*shifted(table, robot.length), *concerns, *_concerns(campaign, robot))
 
 
 def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:

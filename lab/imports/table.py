@@ -21,6 +21,7 @@ from diagnosis.arrays import rows_by
 from diagnosis.data import case as measured
 from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
+from diagnosis.data.shift import shifted
 from diagnosis.errors import BadCase
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -265,9 +266,9 @@ def conclude(
         table = replace(table, mapped=mapped)
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
+    notes += map(str, shifted(table, robot.length, places.__getitem__))
     with suppress(BadCase):  # which is said where the table is used
-        concerns = measured.states(measured.Case(robot, table), places.__getitem__)[1]
-        notes += [str(f) for f in concerns if f.code in ("shifted", "repeated_within_trials")]
+        notes += [str(f) for f in measured.states(measured.Case(robot, table))[1] if f.code == "repeated_within_trials"]
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
