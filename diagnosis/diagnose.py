@@ -123,29 +123,27 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
-    drifts = tuple(drift(edited.states.take(~edited.states.pushed)))
+    of_table = (*(f for f in findings if f.code == "shifted"), *drift(edited.states.take(~edited.states.pushed)))
     assumed = (settled,) if settled is not None and settled.severity == "critical" else ()
-    doubtful = bool(far or edited.changes or tense or drifts or assumed)
+    unsettled = (*far, *edited.changes, *tense, *of_table, *assumed)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         others = [sentences.with_id(e, names) for e in verdict.rivals(causes.decision, causes.posterior)]
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
-        causes = replace(
-            causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense, *drifts, *assumed), len(alone))
-        )
+        causes = replace(causes, decision=doubted(causes.decision, (*reasons, *unsettled), len(alone)))
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),
         locate=location,
-        attribute=verdict.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful),
+        attribute=verdict.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, bool(unsettled)),
         shrink=unseen.shrink,
         next_experiment=proposals,
         findings=(
             *edited.concerns,
-            *drifts,
-            *findings,
+            *of_table,
+            *(f for f in findings if f not in of_table),
             *([settled] if settled is not None else ()),
             *reasons,
             *far,

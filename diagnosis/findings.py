@@ -64,6 +64,11 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "y, z and those of markers, how far its rest differs from that of the first (one `zero` in map.yaml for all trials "
             "does not remove a drift), and diagnose again"
         ),
+        "shifted": (
+            "{first} to {last} ({states} states): positions are logged {by} {when}. There they miss those of all other states at "
+            "like settings by {own_mm:.1f} mm, with the settings {by} {where} by {mm:.1f} mm (rms): was a row lost, or logged "
+            "twice at a restart? Move columns x, y, z and those of markers {by} {back} there; until then no cause is certain"
+        ),
         "stiffness_far_off": (
             "the fit needs a body {stiffness:.2g} times as stiff as robot.yaml's, or {pressures} {pressure_ratio:.2g} times as "
             "high. Check youngs_modulus, outer_radius, path_radius and area_factor of robot.yaml, and the unit of the "

@@ -127,14 +127,16 @@ def headline(
     `by_calibration`: share of the reducible gap that calibration closes, if that is most of it; `calibrated`: what it changed;
     `beyond`: it reached its limit; `alone`: one effect in its place leaves no larger error than the named ones.
     """
-    a, speech = d.attribute, Speech(d, catalogue, robot)
+    a, speech, found = d.attribute, Speech(d, catalogue, robot), {f.code: f.values for f in d.findings}
     closed = None if d.shrink is None else d.shrink.share_closed
     p = f"({a.p})"
+    if shift := found.get("shifted"):
+        return "Unclear: positions are logged {by} {when} from {first} to {last}: correct this first.".format(**shift)
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' + a.missing[0] if a.missing else ''}."
     if beyond:
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
-    unsettled = {f.code: f.values for f in d.findings} if a.verdict != "effect" or a.effects == (THRUST,) else {}
+    unsettled = found if a.verdict != "effect" or a.effects == (THRUST,) else {}
     if "drift" in unsettled:
         return f"Unclear: the robot at rest drifts by {unsettled['drift']['mm']:.1f} mm over the trials; a cause may be hidden."
     if "thrust_likely" in unsettled:
@@ -143,7 +145,7 @@ def headline(
     calibration_closes = "" if by_calibration is None else f"{closes} of the gap{f' ({calibrated})' if calibrated else ''}"
     other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
     other = f"perhaps {speech.named(a.too_small)}{a.p_too_small}" if a.too_small else other
-    if a.effects == (THRUST,) and any(f.code == "thrust_settled" for f in d.findings):  # that is certain; p is of the rest
+    if a.effects == (THRUST,) and "thrust_settled" in found:  # that is certain; p is of the rest
         walls = d.words.fill("The side walls carry the {actuators}' thrust")
         first = walls if by_calibration is None else f"{closes} of the gap"
         return _short_enough(f"{first}; {other}. Write `thrust: walls`.", f"{first}; {other}.")

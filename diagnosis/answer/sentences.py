@@ -75,7 +75,8 @@ def _verdict(d: Diagnosis) -> str:
         return f"{nothing if closed is None else most} {why} ({sure}).{likely}"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' if a.missing else ''}{'; '.join(a.missing)}."
-    stage_clause, where, leading_error, digits = "", "", stage(a.stage_errors), _what(d)[1]
+    leading_error = None if "shifted" in {f.code for f in d.findings} else stage(a.stage_errors)
+    stage_clause, where, digits = "", "", _what(d)[1]
     if leading_error is not None:
         runner_up = next((f", in the {e.stage} {e.gain:.1f}" for e in a.stage_errors if e.stage != leading_error.stage), "")
         stage_clause = (

@@ -21,6 +21,7 @@ from diagnosis.arrays import rows_by
 from diagnosis.data import case as measured
 from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
+from diagnosis.data.shift import shifted
 from diagnosis.errors import BadCase
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -243,7 +244,7 @@ def conclude(
     notes += _jump_notes(found, places)
     contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
     states, kept_states = without(contradicted, states)
-    rows = list(compress(rows, kept_states))
+    rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
@@ -265,10 +266,11 @@ def conclude(
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
         unit = min((q.unit for _, q, _ in every if q.unit is not None), default=None)
         base, *others = {q.base for _, q, _ in every}
-        mapped = wanted.mapped(unit, call=every[0][0].form == FRAME)
-        table = replace(table, mapped=replace(mapped, base=None if others else base))
+        mapped = replace(wanted.mapped(unit, call=every[0][0].form == FRAME), base=None if others else base)
+        table = replace(table, mapped=mapped)
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
+    notes += map(str, shifted(table, robot.length, places.__getitem__))
     with suppress(BadCase):  # which is said where the table is used
         notes += [str(f) for f in measured.states(measured.Case(robot, table))[1] if f.code == "repeated_within_trials"]
     points = ((q, np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)) for _, q, _ in every)
@@ -287,7 +289,7 @@ def conclude(
             )
         )
     asked = tuple(q for q in questions if q not in wanted.confirmed)
-    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked, tuple(compress(places, kept_states)))
+    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked, tuple(places))
 
 
 def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:

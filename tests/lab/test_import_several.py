@@ -115,6 +115,16 @@ def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: 
     assert not read_all(tmp_path, {"a.csv": WHOLE}).notes
 
 
+def test_places_logged_a_row_late_from_a_row_on_are_named_with_lines_and_remedy(tmp_path: Path) -> None:
+    rows = [[4.0 * k, *row[1:]] for k, row in enumerate(FEW + FEW)]
+    late = [row if k < 40 else [*row[:4], *rows[k - 1][4:]] for k, row in enumerate(rows)]
+    (note,) = (n for n in read_all(tmp_path, {"a.csv": text(late, headings=NAMES, change=with_middle)}).notes if "logged" in n)
+    assert re.match(r"a.csv, line 4[23] to a.csv, line 61 .*positions are logged 1 row late.*markers 1 row up there", note)
+    lost = [row if k != 7 else [*row[:4], 2270.0, *row[5:]] for k, row in enumerate(late)]  # nor hides a filler the shift
+    assert any("1 row late" in n for n in read_all(tmp_path, {"a.csv": text(lost, headings=NAMES, change=with_middle)}).notes)
+    assert not read_all(tmp_path, {"a.csv": text(rows, headings=NAMES, change=with_middle)}).notes
+
+
 @pytest.mark.parametrize(("body", "row", "mm", "states"), [(0, 6, 37, 3), (1, 6, 37, 3), (0, 4, 20, 11)])
 def test_a_place_that_all_other_states_at_its_pressures_contradict_is_left_out(
     body: int, row: int, mm: float, states: int, tmp_path: Path
