@@ -83,58 +83,64 @@ class Arrow:
 
     def within(self, slope: Array, low: Array, high: Array) -> Array:
         """The x (c,) within low .. high that minimises x.A.x / 2 + slope.x."""
+        product, solved = (lambda x: self.times(x[0])[None]), (lambda free, x: self.factorised(free[0]).solve(x[0])[None])
+        return projected(product, solved, slope[None], low[None], high[None])[0]
 
-        def solve(free: Mask, downhill: Array) -> Array:
-            return self.factorised(free[0]).solve(downhill[0])[None]
+    @cached_property
+    def sparse_factors(self) -> Any:
+        """L and U of the sparse block."""
+        return _sparse_factors(self.local)
 
-        return projected(lambda x: self.times(x[0])[None], solve, slope[None], low[None], high[None])[0]
+    def solved(self, values: Array) -> Array:
+        """The sparse block's inverse times values (l, ..)."""
+        return np.asarray(self.sparse_factors.solve(values)) if self.rest.size else values
+
+    @cached_property
+    def eliminated(self) -> tuple[Array, Array]:
+        """(l, s) the sparse block's inverse times what is across, and (s, s) the Schur complement, whatever is free of it."""
+        pulled = self.solved(self.across)
+        return pulled, self.shared - self.across.T @ pulled
 
     def factorised(self, free: Mask | None = None) -> Factors:
-        """Factorise the free part (c,); the rest is solved as 0."""
-        if free is None or free[self.rest].all() and free[self.at].all():
-            return Factors(self)
-        of_at, of_rest = free[self.at], free[self.rest]
+        """Factorise the free part (c,), where the rest is 0."""
+        of_at, of_rest = (np.ones(i.size, bool) if free is None else free[i] for i in (self.at, self.rest))
+        if of_rest.all():
+            return Factors(self, of_at)
         local, kept = self.local.copy(), of_rest[self.local.indices] & of_rest[self._column]
         local.data = np.where(kept, local.data, local.indices == self._column)  # fixed parameters have a diagonal of 1
-        shared, across = self.shared[np.ix_(of_at, of_at)], self.across[:, of_at] * of_rest[:, None]
-        return Factors(Arrow(self.at[of_at], shared, self.rest, across, local), of_rest)
+        return Factors(replace(self, across=self.across * of_rest[:, None], local=local), of_at)
 
 
 class Factors:
     """A positive definite arrow, factorised."""
 
-    def __init__(self, arrow: Arrow, free: Mask | None = None) -> None:
-        """`free` (l,) which of the sparse ones are solved for; None: all."""
-        self._a, self._free = arrow, free
-        self._local = _sparse_factors(arrow.local) if arrow.rest.size else None
-        self._pulled = self._solved(arrow.across)  # (l, s)
-        self.root = cholesky(arrow.shared - arrow.across.T @ self._pulled)
+    def __init__(self, arrow: Arrow, kept: Mask) -> None:
+        """`kept` (s,) which of the shared ones are solved for."""
+        pulled, schur = arrow.eliminated
+        self._a, self._at = arrow, arrow.at[kept]
+        self._across, self._pulled = arrow.across[:, kept], pulled[:, kept]
+        self.root = cholesky(schur[np.ix_(kept, kept)])
         """(s, s) lower Cholesky factor of the Schur complement, in the order of `Arrow.at`."""
 
-    def _solved(self, values: Array) -> Array:
-        """The sparse block's inverse times values (l, ..)."""
-        return np.asarray(self._local.solve(values)) if self._local is not None else values
-
     def solve(self, values: Array) -> Array:
-        """(c, ..) A^-1 times values (c, ..); 0 for parameters left out."""
-        a, out = self._a, np.zeros_like(values)
-        local = values[a.rest] if self._free is None else values[a.rest] * self._free.reshape(-1, *(1,) * (values.ndim - 1))
-        first = self._solved(local)
-        out[a.at] = shared = cho_solve((self.root, True), values[a.at] - a.across.T @ first, check_finite=False)
-        out[a.rest] = first - self._pulled @ shared
+        """(c, ..) A^-1 times values (c, ..), which are 0 for parameters left out."""
+        at, rest, out = self._at, self._a.rest, np.zeros_like(values)
+        first = self._a.solved(values[rest])
+        out[at] = shared = cho_solve((self.root, True), values[at] - self._across.T @ first, check_finite=False)
+        out[rest] = first - self._pulled @ shared
         return out
 
     @property
     def half_log_det(self) -> float:
         """Half the logarithm of the determinant."""
-        of_local = 0.0 if self._local is None else 0.5 * float(np.log(self._local.U.diagonal()).sum())
-        return of_local + float(np.log(np.diag(self.root)).sum())
+        of_local = self._a.sparse_factors.U.diagonal() if self._a.rest.size else np.ones(0)
+        return 0.5 * float(np.log(of_local).sum()) + float(np.log(np.diag(self.root)).sum())
 
     def quadratic(self, values: Array) -> Array:
         """(m, m) V^T A^-1 V of values (c, m)."""
-        a, local = self._a, values[self._a.rest]
-        first = self._solved(local)
-        half = solve_triangular(self.root, values[a.at] - a.across.T @ first, lower=True, check_finite=False)
+        local = values[self._a.rest]
+        first = self._a.solved(local)
+        half = solve_triangular(self.root, values[self._at] - self._across.T @ first, lower=True, check_finite=False)
         return np.asarray(local.T @ first + half.T @ half)
 
     @cached_property
@@ -149,7 +155,7 @@ class Factors:
         sizes = np.bincount(part, minlength=number)
         unit = np.zeros((count, int(sizes.max(initial=0))))
         unit[np.arange(count), place] = 1.0
-        solved = self._solved(unit)
+        solved = self._a.solved(unit)
         row, column = np.nonzero(np.arange(unit.shape[1]) < sizes[part][:, None])
         return csr_array((solved[row, column], (row, order[begin[part[row]] + column])), shape=(count, count))
 

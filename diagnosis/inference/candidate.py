@@ -51,14 +51,12 @@ def light(c: Candidate, bases: Bases) -> Candidate:
     """The same without derivatives that another process already has."""
     slope = c.fit.slope
     name = next((n for n, r in bases.items() if r is c.base), None)
-    return c if slope is None or name is None else _with(c, replace(slope, base=None, left=name))
+    return c if slope is None or name is None else replace(c, fit=replace(c.fit, slope=replace(slope, base=None, left=name)))
 
 
 def complete(c: Candidate, bases: Bases) -> Candidate:
     """The inverse of `light`."""
     slope = c.fit.slope
-    return c if slope is None or slope.left is None else _with(c, replace(slope, base=bases[slope.left], left=None))
-
-
-def _with(c: Candidate, slope: Jacobian) -> Candidate:
-    return replace(c, fit=replace(c.fit, slope=slope))
+    if slope is None or slope.left is None:
+        return c
+    return replace(c, fit=replace(c.fit, slope=replace(slope, base=bases[slope.left], left=None)))
