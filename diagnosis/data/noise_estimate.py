@@ -88,7 +88,7 @@ def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) ->
     way = here.curve @ way
     curve = (way * (np.maximum(size, LEAST) + damping)) @ way.T
     # the longest step in each logarithm or logit
-    low, high = np.maximum(low, -1.0), np.minimum(high, 1.0)
+    low, high = np.maximum(low, -2.0), np.minimum(high, 2.0)
     (step,) = box_minima(curve[None], here.slope[None], low[None], high[None])
     return step, -float(here.slope @ step + 0.5 * step @ curve @ step)
 
