@@ -115,8 +115,9 @@ def _kinds(s: Campaign) -> Ints:
 
 def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
     """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to; `highest` (m,) and `gap` in Pa."""
-    top = inflated[np.argmax(highest)]
-    out = np.where((inflated & top).any(axis=1, keepdims=True), top, inflated)
+    top, tops = inflated[np.argmax(highest)], inflated[highest > highest.max() - gap]
+    one_sweep = (tops == top).all()  # else each state is of its own
+    out = np.where((inflated & top).any(axis=1, keepdims=True) & one_sweep, top, inflated)
     # closer to zero, the readings do not show which chambers are inflated
     with_pressure = np.flatnonzero(highest > 3.0 * gap)
     if not with_pressure.size:

@@ -18,7 +18,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.compose import RodColumns, directions, rod_columns
 from model.effects.design import Columns, with_rest, with_rest_of
 from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
-from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
+from model.effects.nominal import ROUNDING, beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
 from model.effects.observation import channels, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
@@ -379,8 +379,7 @@ class ForwardModel:
         if values.shape != (len(self.parameters),):
             raise BadCondition(f"theta: shape {values.shape}, must be ({len(self.parameters)},)")
         values = values + self._nominal
-        # where robot.yaml has an effect, bounds are counted from it and may be missed by rounding
-        slack = 1e-9 * self._sd
+        slack = ROUNDING * self._sd  # where robot.yaml has an effect, bounds are counted from it
         wrong = ~((values >= self._low - slack) & (values <= self._high + slack))
         if wrong.any():
             p = self.parameters[int(np.flatnonzero(wrong)[0])]

@@ -19,6 +19,9 @@ from model.errors import BadRobot, nearest, unit_text
 from model.robot import Robot
 from model.stated import Stated, Table
 
+ROUNDING = 1e-6
+"""Plausible sizes by which a number beyond its bound is at the bound: robot.yaml has seven digits."""
+
 
 def tolerances(robot: Robot) -> dict[str, EffectSpec]:
     """Tolerances of a whole set-up, by id, with the uncertainty that robot.yaml states or that is usual for such a robot."""
@@ -59,7 +62,7 @@ def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterab
                 yield f"{place}: is no parameter of {id}, {nearest(name, parameters)}"
             elif stated.unit != p.unit:
                 yield f"{place}: unit {stated.unit!r}, must be {p.unit!r}: convert value and sd"
-            elif not p.low <= stated.value <= p.high:
+            elif not p.low - ROUNDING * p.scale <= stated.value <= p.high + ROUNDING * p.scale:
                 unit = unit_text(p.unit)
                 yield f"{place} = {stated.value:g}{unit}: must be within {p.low:g} and {p.high:g}{unit}"
 

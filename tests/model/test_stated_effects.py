@@ -76,6 +76,12 @@ def test_what_the_catalogue_does_not_know_is_refused_where_the_model_is_made(
     assert told in raises(BadRobot, None, ForwardModel, robot, design)
 
 
+def test_a_number_that_rounding_moves_beyond_its_bound_is_at_the_bound(paper_robot: Robot) -> None:
+    columns, gain = campaign(lengths=(0.1,), levels=(60e3,)), {"chamber_gain": {"x": {"value": 0.4, "unit": "1"}}}
+    at, beyond = (robot_from_dict(stating(paper_robot, effects=gain)) for gain["chamber_gain"]["x"]["value"] in (0.4, 0.4 + 1e-8))
+    np.testing.assert_allclose(Moved(beyond, columns).still, Moved(at, columns).still, atol=1e-7)
+
+
 def test_the_baseline_of_a_robot_has_its_effects(paper_robot: Robot) -> None:
     columns = campaign(lengths=(0.0, 0.2), levels=(80e3, 160e3))
     plain = robot_from_dict(stating(paper_robot))
