@@ -10,6 +10,8 @@ from .. import judgement
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 
+SCHEMA = "diagnosis/1"
+"""Of an answer as JSON."""
 Verdict = Literal["effect", "none", "unknown"]
 
 

@@ -366,8 +366,6 @@ def _simulator_acts(d: Diagnosis) -> str:
     if s is None or c is None or w is None or closed_by_calibration(d) is None:
         return ""
     text = f"{changed_by(d)}; that closes {w.given_mm - w.steps[0].left_mm:.1f} of {w.given_mm:.1f} mm. "
-    if s.of_robot is None:
-        return text
     of_rod, of_data = s.area_factor / s.of_robot, c.area_factor / s.of_robot
     if abs(of_data - 1) < judgement.SAME_FACTOR < abs(of_rod - 1):
         return f"{text}The rod of robot.yaml does not: the gap is in {s.name}; check its {d.words.pressures}, areas and modulus. "
