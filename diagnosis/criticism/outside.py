@@ -13,7 +13,6 @@ Log evidence is divided by the temperature, as everywhere.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -144,9 +143,8 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     slope = derivatives(forward, theta, own)[1].whole[p.kept]
     infos = parameters(tuple(forward.parameters[i] for i in own)).infos
     sd = np.array([i.sd for i in infos])
-    known, free = problem.parameters, problem.parameters.calibration
-    calibrated = replace(known, infos=(*itertools.compress(known.infos, free), *infos), sd=np.append(known.sd[free], sd))
-    columns = Columns.of(np.hstack([problem.slope(c.fit.derivatives(problem)).take(free).whole, slope]))
-    least = least_sizes(calibrated, p.labels, columns, p.noise_floor)[int(free.sum()) :]
-    wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd), least=known.least + least)
-    return wider, problem.noise.whiten(slope * sd)
+    known = problem.parameters
+    wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd))
+    columns = Columns.of(np.hstack([problem.slope(c.fit.derivatives(problem)).whole, slope]))
+    least = least_sizes(wider, p.labels, columns, p.noise_floor)[len(known.infos) :]
+    return replace(wider, least=known.least + least), problem.noise.whiten(slope * sd)
