@@ -59,12 +59,8 @@ def _states(p: Prepared, predicted: Mapping[str, Array], unseen: Errors) -> dict
     of_robot = ~p.states.pushed
     s = p.states.take(of_robot)
     tips = {"tip": p.states.tip, **{name: p.tip(values) for name, values in predicted.items()}}
-    if unseen is not None and not p.pushes_only:
-        tips |= {
-            "given": p.tip(p.given),
-            "calibrated_unseen": p.states.tip - unseen[0].vector,
-            "explained_unseen": p.states.tip - unseen[1].vector,
-        }
+    if unseen and not p.pushes_only:
+        tips |= {"given": p.tip(p.given), **{f"{name}_unseen": p.states.tip - p.tip(left) for name, left in unseen.items()}}
     return {
         "spine_length": s.spine_length.tolist(),
         "pressure": s.highest.tolist(),
@@ -110,8 +106,7 @@ def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Arr
     """Force (N), deflection and what each model gives for the force, by reading of the stiffness trials."""
     pushed = p.states.pushed
     errors = {name: p.deflection(p.problem.observed - y) for name, y in {"as given": p.given, **predicted}.items()}
-    if unseen is not None:
-        errors |= {"unseen: calibrated": unseen[0].deflection, "unseen: explained": unseen[1].deflection}
+    errors |= {f"unseen: {name}": p.deflection(left) for name, left in unseen.items()}
     forces = {"force": p.problem.observed, **predicted}
     return {
         "waterfall_mm": {name: 1e3 * rms(error) for name, error in errors.items()},
