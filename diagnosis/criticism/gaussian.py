@@ -41,11 +41,10 @@ class Gaussian:
 
     def covariance(self, of_effect: Mask, chosen: Ints) -> Array:
         """(c, c) posterior covariance of chosen parameters (c,), `of_effect` (k,) those of effects, in units of priors."""
-        column = np.empty(len(of_effect), np.int64)
-        column[np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])] = np.arange(len(of_effect))
+        columns = np.argsort(np.argsort(~of_effect, kind="stable"))[chosen]  # those of effects come first
         unit = np.zeros((self._x.shape[1], len(chosen)))
-        unit[column[chosen], np.arange(len(chosen))] = 1.0
-        out = self._factors.solve(unit)[column[chosen]]
+        unit[columns, np.arange(len(chosen))] = 1.0
+        out = self._factors.solve(unit)[columns]
         return np.asarray(0.5 * (out + out.T))
 
     def inner(self, columns: Array) -> Array:
