@@ -214,9 +214,8 @@ def fit_described(
     fitted = search.fitted(named, begin)
     progress("step 4 of 4: tolerances", 0.0)
     main = campaign.main
-    written, lasting = list(_lasting(p, p.problem.parameters.ids).values()), np.zeros_like(p.problem.parameters.sd)
-    lasting[written] = fitted.fit.theta[written]  # what recurs or drifts is at its expectation
-    first, last = (p.problem.observed - p.problem.forward.predict(theta) for theta in (p.common(baseline.theta), lasting))
+    # what recurs or drifts is at its expectation
+    first, last = (p.problem.observed - p.problem.forward.predict(p.common(f.theta)) for f in (baseline, fitted.fit))
     before, missed = p.tip(first)[main], p.tip(last)[main]
     of_marker = {k: last[np.isin(p.labels.channel, own)] for k, own in enumerate(marker_columns(len(robot.markers)), 1)}
     rms_after = rms(missed)

@@ -8,7 +8,7 @@ distance from it. If no rival predicted the readings, the cause is probably outs
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
@@ -34,8 +34,8 @@ class RivalPrediction:
     effects: tuple[str, ...]
     probability: float
     """Among the rivals."""
-    tip_mm: tuple[tuple[float, ...], ...]
-    sd_mm: tuple[tuple[float, ...], ...]
+    tip_mm: Sequence[Sequence[float]]
+    sd_mm: Sequence[Sequence[float]]
     """By state: x, y, z and their standard deviations."""
 
 
@@ -177,8 +177,7 @@ def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minut
         raise NotDone(f"takes {proposal.cost_min:g} min, {minutes:.0f} are left")
     predictions = rivals.predict(planned(rivals.prepared, replace(proposal, channels=()))) or ()
     of_rivals = zip(rivals.candidates, rivals.weight, predictions, strict=False)
-    in_mm = ((c, w, (np.round(1e3 * values, 3).tolist() for values in q.tip)) for c, w, q in of_rivals)
-    made = tuple(RivalPrediction(c.named, float(w), *(tuple(map(tuple, mm)) for mm in tip)) for c, w, tip in in_mm)
+    made = tuple(RivalPrediction(c.named, float(w), *(1e3 * np.array(q.tip)).round(3).tolist()) for c, w, q in of_rivals)
     predicted = Predicted(proposal, made)
     return predicted, laboratory.perform(predicted)
 

@@ -117,10 +117,9 @@ def waterfall(f: Attribution, parts: CrossValidation, how: str, before: Array, a
     with_tolerances = candidate_model(p, f.best if named else f.posterior.candidates[NONE])
     subsets = [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
     tolerant_is_known = bool(named) or f.best.named == NONE
-    smooth = []
-    for size in SMOOTH_SIZES:
-        refit = fit(p.problem, with_tolerances.prior, size, with_tolerances.theta, 4, least_promise=UNCONVERGED)
-        smooth.append(replace(with_tolerances, size=size, theta=refit.theta, smooth=True))
+    prior, start = with_tolerances.prior, with_tolerances.theta
+    by_size = {size: fit(p.problem, prior, size, start, 4, least_promise=UNCONVERGED) for size in SMOOTH_SIZES}
+    smooth = [replace(with_tolerances, size=size, theta=refit.theta, smooth=True) for size, refit in by_size.items()]
     alone = (Model(p.problem.parameters.prior_of(s), 0.0, fit_alone(p.problem, s, f.best.fit.theta, 4).theta) for s in subsets)
     models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *alone]
     refits = parts.residuals(models, DiagnosisStep.GAP_STEP_BY_STEP)
@@ -194,10 +193,9 @@ def closed(how: str, before: Array, after: Array, floor: float, states: Campaign
     trials anew, see `interval_closed`."""
     share = share_closed(rms(before), rms(after), floor)
     interval = None if share is None else interval_closed(before, after, floor, states.trial, kind)
-    level = levels(states.spine_length, SPINE_GAP)
     by_length = tuple(
-        LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
-        for i in (level == k for k in np.unique(level))
+        LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), len(i))
+        for i in rows_by(levels(states.spine_length, SPINE_GAP))
     )
     return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * floor, share, interval, by_length)
 

@@ -19,10 +19,8 @@ class Gaussian:
     def __init__(self, linear: Linear, prior: SizePrior, size: float, form_error: float) -> None:
         self.linear, nuisance, p = linear, linear.nuisance, linear.effects.shape[1]
         large = linear.discrepancy_size(size, form_error)
-        errors = [(columns, scale) for columns, scale in ((linear.form_error, form_error), (linear.discrepancy, large)) if scale]
-        dense = np.hstack([linear.effects, nuisance.dense, *(columns for columns, _ in errors)])
-        of_each = [np.sqrt(prior.variance), np.ones(nuisance.at.size), *(np.full(e.shape[1], scale) for e, scale in errors)]
-        dense *= np.concatenate(of_each)
+        errors = [columns * scale for columns, scale in ((linear.form_error, form_error), (linear.discrepancy, large)) if scale]
+        dense = np.hstack([linear.effects * np.sqrt(prior.variance), nuisance.dense, *errors])
         of_errors = p + nuisance.shape[1] + np.arange(dense.shape[1] - p - nuisance.at.size)
         at = np.concatenate([np.arange(p), p + nuisance.at, of_errors])
         self._x = Columns(dense, at, nuisance.sparse, p + nuisance.rest)
