@@ -115,7 +115,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         fitted = confirmed(causes, edited, options.catalogue)
         values = {name: v.value for name, v in fitted.parameters.items()}
         values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
-    details = detail(causes, fitted, unseen.errors, names)
+    details = detail(causes, fitted, unseen.residuals, names)
     # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
     calibrated, tense = calibration(causes, values), causes.tense(values)
     far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()

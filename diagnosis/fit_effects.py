@@ -75,9 +75,9 @@ class Fitted(Shown, FittedRobot):
     """With effects, tolerances, area factor and posterior."""
     states: int
     trials: int
-    calibrated_area_factor: float
-    """The area factor of the calibrated robot without effects."""
     findings: tuple[Finding, ...]
+    area_factor: AreaFit | None = None
+    """Of the calibrated robot without effects, for all spine lengths, tolerances fitted too. None without tips."""
     by_actuator: tuple[ByActuator, ...] = ()
     """Of effects that are a factor on each actuator, relative to the mean."""
     left_out_mm: float | None = None
@@ -90,15 +90,6 @@ class Fitted(Shown, FittedRobot):
     """One for each spine length (m), the set-up taken as exact, as the paper has it."""
     markers_mm: Mapping[int, float] = field(default_factory=dict)
     """rms of each marker that was fitted besides the tip, by its number."""
-
-    @property
-    def area_factor(self) -> AreaFit | None:
-        """Of the calibrated robot without effects, for all spine lengths, tolerances fitted too. None without tips."""
-        if not self.states:
-            return None
-        numbers, rms = AXES * self.states, 1e-3 * self.calibrated_mm / math.sqrt(AXES)
-        sd = self.parameters[AREA_FACTOR].sd
-        return AreaFit(Estimate(self.calibrated_area_factor, sd, numbers, numbers, rms))
 
     def _rows(self) -> Iterator[tuple[str, Value]]:
         """All that was fitted, by name."""
@@ -230,10 +221,12 @@ def fit_described(
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     theta = fitted.fit.theta
     tense = parameters.tense(theta)
+    factor, numbers = p.area_factor(baseline.theta), AXES * len(campaign)
+    area = AreaFit(Estimate(factor, stated[AREA_FACTOR].sd, numbers, numbers, rms(before) / math.sqrt(AXES)))
     findings = (*tracked_turn(p, theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
-        trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,
+        trials=len(np.unique(campaign.trial)), area_factor=area, findings=findings,
         by_actuator=tuple(filter(None, each)), left_out_mm=None if left_out is None else 1e3 * left_out,
         markers_mm={k: 1e3 * math.sqrt(AXES) * rms(values) for k, values in of_marker.items() if values.size},
     )  # fmt: skip

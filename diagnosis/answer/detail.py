@@ -20,11 +20,10 @@ from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
 from .result import FittedRobot
 from .size import by_actuator, values
-from .unseen import Errors
 
 
-def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Mapping[str, str]) -> dict[str, Any]:
-    """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: errors of states that no
+def detail(f: Attribution, fitted: FittedRobot | None, unseen: Mapping[str, Array], names: Mapping[str, str]) -> dict[str, Any]:
+    """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: residuals of states that no
     fit saw, `names`: effect -> plain name."""
     p = f.prepared
     models = {"calibrated": p.common(f.calibrated.theta), "explained": p.common(f.best.fit.theta)}
@@ -54,7 +53,7 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Ma
     return section
 
 
-def _states(p: Prepared, predicted: Mapping[str, Array], unseen: Errors) -> dict[str, Any]:
+def _states(p: Prepared, predicted: Mapping[str, Array], unseen: Mapping[str, Array]) -> dict[str, Any]:
     """Settings and tips, measured and predicted, of the states with a tip; `predicted`: all values (n,) by model."""
     of_robot = ~p.states.pushed
     s = p.states.take(of_robot)
@@ -102,7 +101,9 @@ def _worst_shapes(p: Prepared, models: Mapping[str, Array], predicted: Mapping[s
     ]
 
 
-def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: Errors) -> dict[str, Any]:
+def _stiffness(
+    p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: Mapping[str, Array]
+) -> dict[str, Any]:
     """Force (N), deflection and what each model gives for the force, by reading of the stiffness trials."""
     pushed = p.states.pushed
     errors = {name: p.deflection(p.problem.observed - y) for name, y in {"as given": p.given, **predicted}.items()}

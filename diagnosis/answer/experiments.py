@@ -48,8 +48,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
     trials = s.trials
     main, count, words = np.flatnonzero(s.kind == 0), len(robot.actuators.azimuths_deg), robot.actuators.words
-    top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
-    chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
+    chambers = list(s.chambers[main[np.argmax(s.highest[main])]])  # of the state with the highest pressure of the main sweep
     rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
     grain = 10.0 ** (np.floor(np.log10(s.highest.max())) - 2)  # three digits, which may not round it up
     limit = robot.max_pressure or float(np.floor(s.highest.max() / grain + 1e-9) * grain)

@@ -125,8 +125,7 @@ class Rivals:
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
             covariance += size**2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
-            offset = names.get(OFFSET)
-            by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
+            by_pressure = slope[:, [i for name, i in names.items() if name == OFFSET]]
             covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
             for effect in c.named:
                 contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))

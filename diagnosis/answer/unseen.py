@@ -40,17 +40,14 @@ from .attribute import Attribution, Begun, calibrated
 from .decision import share_closed
 from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 
-Errors = Mapping[str, Array]
-"""Measured minus predicted (values,), of fits that did not see the state: calibrated, and explained by the best hypothesis; none
-where no state was held out."""
-
 
 @dataclass(frozen=True)
 class Unseen:
     """What states say that no fit saw; nothing where no state was held out."""
 
     shrink: Shrink | None = None
-    errors: Errors = field(default_factory=dict)
+    residuals: Mapping[str, Array] = field(default_factory=dict)
+    """Measured minus predicted (values,): calibrated, and explained by the best hypothesis."""
     rms_mm: Mapping[Hypothesis, float] = field(default_factory=dict)
     """By which leading hypotheses miss them."""
     waterfall: Waterfall | None = None
@@ -85,8 +82,8 @@ def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[At
         return lambda f: Unseen
     parts, how = found
     models = [Model(p.problem.parameters.prior_of(NONE), 0.0, begun.calibrated.theta), candidate_model(p, begun.weighed.best)]
-    errors = dict(zip(("calibrated", "explained"), parts.residuals(models, DiagnosisStep.HELD_OUT_STATES)(), strict=True))
-    before, after = (distance(p, residual) for residual in errors.values())
+    residuals = dict(zip(("calibrated", "explained"), parts.residuals(models, DiagnosisStep.HELD_OUT_STATES)(), strict=True))
+    before, after = (distance(p, residual) for residual in residuals.values())
 
     def of(f: Attribution) -> Callable[[], Unseen]:
         leading = [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
@@ -99,7 +96,7 @@ def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[At
             missed |= {h: distance(p, residual) for h, residual in zip(others, refits(), strict=True)}
             seen = np.isfinite(before) & np.isfinite(after)
             shrunk = closed(how, before[seen], after[seen], p.noise_floor, p.states.take(seen))
-            return Unseen(shrunk, errors, {h: 1e3 * rms(missed[h]) for h in leading}, step_by_step())
+            return Unseen(shrunk, residuals, {h: 1e3 * rms(missed[h]) for h in leading}, step_by_step())
 
         return finish
 

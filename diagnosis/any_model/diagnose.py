@@ -177,13 +177,13 @@ class _Diagnosis:
     def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
         """Why it is not certain, with noise floors on unseen rows `before` and `after` corrections, and relatives `as_well`."""
         b, why = self._b, list[str]()
-        lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
+        if d.verdict != "effect" and b.lasting:
+            return [
+                f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
+            ]
         if d.verdict != "effect":
-            if b.lasting:
-                why.append(lasting)
-            elif d.verdict == "unknown" and before < OUTSTANDING and b.estimated:
-                why.append("the noise had to be estimated without repeats")
-            return why
+            unsure = d.verdict == "unknown" and before < OUTSTANDING and b.estimated
+            return ["the noise had to be estimated without repeats"] if unsure else []
         limit = min(max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before), np.sqrt(1 + LEFT_SQUARES * before**2))
         if after > max(limit, 1 + LEAST_LEFT / np.sqrt(2 * len(b.row))):
             why.append(f"on unseen rows {after:.2g} noise floors remain of {before:.2g}, so that other causes may act too")
