@@ -216,11 +216,11 @@ def fit_described(
         pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
         learnt, left_out = learn_residual(campaign.trial[main], pressure, length, missed)
         described = described.model_copy(update={"residual": learnt})
-    parameters, (names, covariance) = p.problem.parameters, described.joint_uncertainty()
+    names, covariance = described.joint_uncertainty()
     own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     theta = fitted.fit.theta
-    tense = parameters.tense(theta)
+    tense = p.problem.parameters.tense(theta)
     factor, numbers = p.area_factor(baseline.theta), AXES * len(campaign)
     area = AreaFit(Estimate(factor, stated[AREA_FACTOR].sd, numbers, numbers, rms(before) / math.sqrt(AXES)))
     findings = (*tracked_turn(p, theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
@@ -308,10 +308,8 @@ def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tu
     probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
     # without a named effect, no law can be wrong: one form error, the first, 0
     form_errors = FITTED_LAW_ERRORS[: probability.shape[2]]
-    return (
-        float(np.sqrt((probability.sum(axis=(0, 1)) * form_errors**2).sum())),
-        float(np.sqrt((probability.sum(axis=(0, 2)) * grid.sizes**2).sum())),
-    )
+    law_error = float(np.sqrt(probability.sum(axis=(0, 1)) @ form_errors**2))
+    return law_error, float(np.sqrt(probability.sum(axis=(0, 2)) @ grid.sizes**2))
 
 
 def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Value], posterior: Mapping[str, Any]) -> Robot:

@@ -41,11 +41,6 @@ class Decision:
         """The probability as a headline states it."""
         return f"p {'≤' if self.limited else '='} {self.probability:.2f}"
 
-    @property
-    def within(self) -> float:
-        """Probability of a cause of the catalogue, or of none, given that it is not outside."""
-        return self.probability / (1 - self.outside)
-
 
 def decide(posterior: EffectPosterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
     """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits.
