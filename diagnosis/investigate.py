@@ -142,7 +142,6 @@ def investigate(
     `diagnosed` gets each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
     """
     rounds: list[Round] = []
-    ids_done: set[str] = set()
     spent = 0.0
     while True:
         examined = examine(case, options)
@@ -150,18 +149,18 @@ def investigate(
             rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, examined.diagnosis))
         this_round = Round(examined.diagnosis, spent)
         diagnosed(this_round)
-        if settled(examined.diagnosis) or len(ids_done) >= experiments:
-            reason = "settled" if settled(examined.diagnosis) else f"{len(ids_done)} experiments were done"
+        if settled(examined.diagnosis) or len(rounds) >= experiments:
+            reason = "settled" if settled(examined.diagnosis) else f"{len(rounds)} experiments were done"
             return Investigation((*rounds, this_round), reason)
         refused: dict[str, str] = {}
-        for proposal in (p for p in examined.diagnosis.next_experiment if p.id not in ids_done):
+        done = {r.predicted.proposal.id for r in rounds if r.predicted is not None}
+        for proposal in (p for p in examined.diagnosis.next_experiment if p.id not in done):
             try:
                 predicted, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)
             except NotDone as e:
                 refused[proposal.id] = str(e)
                 continue
             rounds.append(replace(this_round, predicted=predicted, judged=judge(examined, case, extended), refused=refused))
-            ids_done.add(proposal.id)
             spent, case = spent + proposal.cost_min, extended
             break
         else:

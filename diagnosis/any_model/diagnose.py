@@ -127,8 +127,7 @@ class _Diagnosis:
             decision = replace(decision, verdict="effect", effects=named, probability=ranked.probability(named), outside=outside)
         elif decision.verdict == "none" and before.floors > judgement.LEFT_FLOORS:
             decision = outside_at_most(decision, 1 - 1 / before.floors**2)
-        best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
-        as_well = alike(among, decision.effects, best)
+        as_well = alike(among, decision.effects, w.search.found.get(w.best.named, w.best).log_evidence)
         why = self._doubts(decision, before.floors, corrected.floors, as_well)
         if decision.verdict != "unknown":
             decision = doubted(decision, why, 0)
