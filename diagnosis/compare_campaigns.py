@@ -19,7 +19,7 @@ from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 
 from .answer.attribute import weighed
-from .answer.headline import OUTSIDE, for_people, plain_name, with_id
+from .answer.headline import for_people, hypothesis_name, plain_name
 from .answer.result import Change
 from .arrays import Array
 from .criticism.stage_errors import odds_unnamed
@@ -83,7 +83,7 @@ def sentence(posterior: EffectPosterior, sizes: Mapping[str, float], catalogue: 
     named, p = posterior.ranking[0]
     probability = f"p = {p:.2f}, {BENCHMARK}"
     names = {e: spec.name(words) for e, spec in catalogue.items()}
-    effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
+    effects = hypothesis_name(named, names, joint=" and ")
     if named == NONE:
         return f"No change since the reference stands out from the noise ({probability})."
     if posterior.probability(NONE) >= UNCHANGED:

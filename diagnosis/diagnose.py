@@ -115,7 +115,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         fitted = confirmed(causes, edited, options.catalogue)
         values = {name: v.value for name, v in fitted.parameters.items()}
         values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
-    details = detail(causes, fitted, unseen.errors, names)
+    details = detail(causes, fitted, unseen.residuals, names)
     # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
     calibrated, tense = calibration(causes, values), causes.tense(values)
     far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()
@@ -151,7 +151,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
             *sentences.scatter(prepared, location.noise_floor_mm),
-            *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
+            *sentences.against(named_sizes, causes.decision.effects, causes.stage_errors, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),
             *(finding("as_read", text=text) for text in case.table.warnings),
         ),

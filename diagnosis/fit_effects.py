@@ -75,9 +75,9 @@ class Fitted(Shown, FittedRobot):
     """With effects, tolerances, area factor and posterior."""
     states: int
     trials: int
-    calibrated_area_factor: float
-    """The area factor of the calibrated robot without effects."""
     findings: tuple[Finding, ...]
+    area_factor: AreaFit | None = None
+    """Of the calibrated robot without effects, for all spine lengths, tolerances fitted too. None without tips."""
     by_actuator: tuple[ByActuator, ...] = ()
     """Of effects that are a factor on each actuator, relative to the mean."""
     left_out_mm: float | None = None
@@ -90,15 +90,6 @@ class Fitted(Shown, FittedRobot):
     """One for each spine length (m), the set-up taken as exact, as the paper has it."""
     markers_mm: Mapping[int, float] = field(default_factory=dict)
     """rms of each marker that was fitted besides the tip, by its number."""
-
-    @property
-    def area_factor(self) -> AreaFit | None:
-        """Of the calibrated robot without effects, for all spine lengths, tolerances fitted too. None without tips."""
-        if not self.states:
-            return None
-        numbers, rms = AXES * self.states, 1e-3 * self.calibrated_mm / math.sqrt(AXES)
-        sd = self.parameters[AREA_FACTOR].sd
-        return AreaFit(Estimate(self.calibrated_area_factor, sd, numbers, numbers, rms))
 
     def _rows(self) -> Iterator[tuple[str, Value]]:
         """All that was fitted, by name."""
@@ -214,9 +205,8 @@ def fit_described(
     fitted = search.fitted(named, begin)
     progress("step 4 of 4: tolerances", 0.0)
     main = campaign.main
-    written, lasting = list(_lasting(p, p.problem.parameters.ids).values()), np.zeros_like(p.problem.parameters.sd)
-    lasting[written] = fitted.fit.theta[written]  # what recurs or drifts is at its expectation
-    first, last = (p.problem.observed - p.problem.forward.predict(theta) for theta in (p.common(baseline.theta), lasting))
+    # what recurs or drifts is at its expectation
+    first, last = (p.problem.observed - p.problem.forward.predict(p.common(f.theta)) for f in (baseline, fitted.fit))
     before, missed = p.tip(first)[main], p.tip(last)[main]
     of_marker = {k: last[np.isin(p.labels.channel, own)] for k, own in enumerate(marker_columns(len(robot.markers)), 1)}
     rms_after = rms(missed)
@@ -226,15 +216,17 @@ def fit_described(
         pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
         learnt, left_out = learn_residual(campaign.trial[main], pressure, length, missed)
         described = described.model_copy(update={"residual": learnt})
-    parameters, (names, covariance) = p.problem.parameters, described.joint_uncertainty()
+    names, covariance = described.joint_uncertainty()
     own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     theta = fitted.fit.theta
-    tense = parameters.tense(theta)
+    tense = p.problem.parameters.tense(theta)
+    factor, numbers = p.area_factor(baseline.theta), AXES * len(campaign)
+    area = AreaFit(Estimate(factor, stated[AREA_FACTOR].sd, numbers, numbers, rms(before) / math.sqrt(AXES)))
     findings = (*tracked_turn(p, theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
-        trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,
+        trials=len(np.unique(campaign.trial)), area_factor=area, findings=findings,
         by_actuator=tuple(filter(None, each)), left_out_mm=None if left_out is None else 1e3 * left_out,
         markers_mm={k: 1e3 * math.sqrt(AXES) * rms(values) for k, values in of_marker.items() if values.size},
     )  # fmt: skip
@@ -316,10 +308,8 @@ def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tu
     probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
     # without a named effect, no law can be wrong: one form error, the first, 0
     form_errors = FITTED_LAW_ERRORS[: probability.shape[2]]
-    return (
-        float(np.sqrt((probability.sum(axis=(0, 1)) * form_errors**2).sum())),
-        float(np.sqrt((probability.sum(axis=(0, 2)) * grid.sizes**2).sum())),
-    )
+    law_error = float(np.sqrt(probability.sum(axis=(0, 1)) @ form_errors**2))
+    return law_error, float(np.sqrt(probability.sum(axis=(0, 2)) @ grid.sizes**2))
 
 
 def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Value], posterior: Mapping[str, Any]) -> Robot:

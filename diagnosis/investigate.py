@@ -8,7 +8,7 @@ distance from it. If no rival predicted the readings, the cause is probably outs
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
@@ -34,8 +34,8 @@ class RivalPrediction:
     effects: tuple[str, ...]
     probability: float
     """Among the rivals."""
-    tip_mm: tuple[tuple[float, ...], ...]
-    sd_mm: tuple[tuple[float, ...], ...]
+    tip_mm: Sequence[Sequence[float]]
+    sd_mm: Sequence[Sequence[float]]
     """By state: x, y, z and their standard deviations."""
 
 
@@ -142,7 +142,6 @@ def investigate(
     `diagnosed` gets each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
     """
     rounds: list[Round] = []
-    ids_done: set[str] = set()
     spent = 0.0
     while True:
         examined = examine(case, options)
@@ -150,18 +149,18 @@ def investigate(
             rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, examined.diagnosis))
         this_round = Round(examined.diagnosis, spent)
         diagnosed(this_round)
-        if settled(examined.diagnosis) or len(ids_done) >= experiments:
-            reason = "settled" if settled(examined.diagnosis) else f"{len(ids_done)} experiments were done"
+        if settled(examined.diagnosis) or len(rounds) >= experiments:
+            reason = "settled" if settled(examined.diagnosis) else f"{len(rounds)} experiments were done"
             return Investigation((*rounds, this_round), reason)
         refused: dict[str, str] = {}
-        for proposal in (p for p in examined.diagnosis.next_experiment if p.id not in ids_done):
+        done = {r.predicted.proposal.id for r in rounds if r.predicted is not None}
+        for proposal in (p for p in examined.diagnosis.next_experiment if p.id not in done):
             try:
                 predicted, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)
             except NotDone as e:
                 refused[proposal.id] = str(e)
                 continue
             rounds.append(replace(this_round, predicted=predicted, judged=judge(examined, case, extended), refused=refused))
-            ids_done.add(proposal.id)
             spent, case = spent + proposal.cost_min, extended
             break
         else:
@@ -177,8 +176,7 @@ def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minut
         raise NotDone(f"takes {proposal.cost_min:g} min, {minutes:.0f} are left")
     predictions = rivals.predict(planned(rivals.prepared, replace(proposal, channels=()))) or ()
     of_rivals = zip(rivals.candidates, rivals.weight, predictions, strict=False)
-    in_mm = ((c, w, (np.round(1e3 * values, 3).tolist() for values in q.tip)) for c, w, q in of_rivals)
-    made = tuple(RivalPrediction(c.named, float(w), *(tuple(map(tuple, mm)) for mm in tip)) for c, w, tip in in_mm)
+    made = tuple(RivalPrediction(c.named, float(w), *(1e3 * np.array(q.tip)).round(3).tolist()) for c, w, q in of_rivals)
     predicted = Predicted(proposal, made)
     return predicted, laboratory.perform(predicted)
 

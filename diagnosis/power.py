@@ -103,8 +103,6 @@ class World:
 
     readings: Array
     """(n,) whitened."""
-    cause: str
-    """Empty: none."""
     size: float
     """Plausible scales."""
     done: Mapping[str, Array]
@@ -130,7 +128,7 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
         law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (d.factors @ rng.standard_normal(d.factors.shape[1]))
         responses[effect] = noise.whiten(response * (1 + law_error))
         y += responses[effect]
-    return World(y, cause, cause_size, responses)
+    return World(y, cause_size, responses)
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
@@ -208,9 +206,10 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
     Shares of all worlds count each world with the prior probability of its cause, as the diagnosis has it.
     """
     rng = np.random.default_rng(seed)
-    worlds = [drawn(plan, rng, cause, clutter) for cause in ("", *plan.effects) for _ in range(each)]
+    cause = np.repeat(["", *plan.effects], each)
+    worlds = [drawn(plan, rng, one, clutter) for one in cause.tolist()]
     hypotheses, p = probabilities(plan, np.array([w.readings for w in worlds]))
-    cause, size = np.array([w.cause for w in worlds]), np.array([w.size for w in worlds])
+    size = np.array([w.size for w in worlds])
     named, probability = np.array(["".join(h) for h in hypotheses])[p.argmax(axis=1)], p.max(axis=1)
     right = cause == named
     weight = np.where(cause == "", PRIOR_OF_NUMBER[0], (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects))
@@ -219,7 +218,7 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
 
     def rates_of(effect: str) -> EffectPower:
         with_cause = cause == effect
-        floors = [plan.floors(w.done[effect]) / w.size for w in worlds if w.cause == effect]
+        floors = [plan.floors(w.done[effect]) / w.size for w, own in zip(worlds, with_cause, strict=True) if own]
         right_by_size = {name: right[with_cause & (size_class == k)] for k, name in enumerate(SIZES)}
         taken_for = Counter(str(n) or "none" for n in named[with_cause & ~right])
         return EffectPower(
@@ -259,9 +258,8 @@ def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int =
     forward = ForwardModel(robot, design, area="one", catalogue={})
     rng = np.random.default_rng(seed)
     # what recurs (with trials, repeats, mountings) is drawn, all else is as described
-    theta = np.array([p.sd * rng.standard_normal() if p.recurs else 0.0 for p in forward.parameters])
-    low, high = np.array([[p.low, p.high] for p in forward.parameters]).T
-    values = forward.predict(np.clip(theta, low, high))
+    theta = np.array([np.clip(p.sd * rng.standard_normal(), p.low, p.high) if p.recurs else 0.0 for p in forward.parameters])
+    values = forward.predict(theta)
     if not np.isfinite(values).all():
         raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
     columns_read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations

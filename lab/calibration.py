@@ -28,7 +28,7 @@ def calibrate(case: Case, progress: Progress = no_progress) -> Fitted:
     body = _body_modulus(case)
     if not case.table.with_tip.any():
         return Fitted(
-            (), {}, math.nan, math.nan, robot=robot, states=0, trials=0, calibrated_area_factor=math.nan,
+            (), {}, math.nan, math.nan, robot=robot, states=0, trials=0,
             findings=tuple(finding("as_read", text=text) for text in case.table.warnings), spine_modulus=spine, body_modulus=body,
         )  # fmt: skip
     condition, tip, trial = case.tips

@@ -47,14 +47,9 @@ class Attribution:
     alone: Mapping[Hypothesis, Candidate]
     """What is stated beside the decision, with all other effects absent: its sizes are those of a robot with it alone."""
     stage_errors: tuple[StageError, ...]
-    """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
+    """Of free form, that the readings ask for beside the leading hypothesis: those of a stage that gain enough, most first."""
     relatives: tuple[Related, ...]
     """Causes outside the catalogue, most probable first."""
-
-    @property
-    def asking(self) -> tuple[StageError, ...]:
-        """Stages that need an error of their own."""
-        return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
     def sizes(self, c: Candidate, fitted: FittedRobot | None) -> tuple[Size, ...]:
         """Of what a hypothesis names: as it was `fitted`, if that is the decision."""
@@ -133,7 +128,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
         alone={h: w.search.alone(ranked.candidates[h]) for h in stated},
-        stage_errors=free_forms,
+        stage_errors=tuple(dict.fromkeys(e for e in free_forms if e.gain > STAGE_GAIN)),
         relatives=relatives,
     )
 

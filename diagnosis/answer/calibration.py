@@ -154,14 +154,11 @@ def simulator(f: Attribution) -> Simulator | None:
     if p.baseline is None:
         return None
     parameters = p.problem.parameters
-    share_index = parameters.names.index(SHARE)
-    theta_rod, theta_simulator = fitted.theta.copy(), fitted.theta.copy()
-    theta_rod[share_index], theta_simulator[share_index] = 1.0, 0.0
-    tips = p.labels.kind == 0
-    difference = (p.problem.forward.predict(theta_simulator) - p.problem.forward.predict(theta_rod))[tips]  # m
+    share_index, tips = parameters.names.index(SHARE), p.labels.kind == 0
     count = len(np.unique(p.labels.state[tips]))
-    free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != share_index]
+    free = [share_index, *(i for i in np.flatnonzero(parameters.calibration).tolist() if i != share_index)]
     slope = derivatives(p.problem.forward, fitted.theta, free)[1].whole[tips]
+    difference, slope = -slope[:, 0], slope[:, 1:]  # m; y is linear in s
     beyond_area = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
     share = float(fitted.theta[share_index])
     in_all_mm, beyond_mm = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, beyond_area))

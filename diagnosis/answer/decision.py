@@ -10,6 +10,8 @@ from .. import judgement
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 
+SCHEMA = "diagnosis/1"
+"""Of an answer as JSON."""
 Verdict = Literal["effect", "none", "unknown"]
 
 
@@ -38,11 +40,6 @@ class Decision:
     def p(self) -> str:
         """The probability as a headline states it."""
         return f"p {'≤' if self.limited else '='} {self.probability:.2f}"
-
-    @property
-    def within(self) -> float:
-        """Probability of a cause of the catalogue, or of none, given that it is not outside."""
-        return self.probability / (1 - self.outside)
 
 
 def decide(posterior: EffectPosterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:

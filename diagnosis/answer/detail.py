@@ -20,20 +20,20 @@ from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
 from .result import FittedRobot
 from .size import by_actuator, values
-from .unseen import Errors
 
 
-def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Mapping[str, str]) -> dict[str, Any]:
-    """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: errors of states that no
+def detail(f: Attribution, fitted: FittedRobot | None, unseen: Mapping[str, Array], names: Mapping[str, str]) -> dict[str, Any]:
+    """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: residuals of states that no
     fit saw, `names`: effect -> plain name."""
     p = f.prepared
-    calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
+    models = {"calibrated": p.common(f.calibrated.theta), "explained": p.common(f.best.fit.theta)}
+    predicted = {name: p.problem.forward.predict(theta) for name, theta in models.items()}
     named_sizes = f.sizes(f.best, fitted)
     section: dict[str, Any] = {
         "misfit": {
             "excess_scatter": p.noise_components.excess_scatter,
             "outlier_trial": f.outlier_trial,
-            "outlier_state": p.states.farthest(p.points(explained), p.states.trial == f.outlier_trial),
+            "outlier_state": p.states.farthest(p.points(predicted["explained"]), p.states.trial == f.outlier_trial),
             "law_error_gain": f.best.weighed.law_error_gain,
         },
         "best_hypothesis": list(f.best.named),
@@ -41,29 +41,25 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Ma
         "calibrated_on": BENCHMARK,
         "sizes": [asdict(size) | {"impossible": size.impossible} for size in named_sizes],
         "distinguishability": _separations(f),
-        "shapes": _worst_shapes(p, f.calibrated.theta, f.best.fit.theta),
-        "states": _states(p, calibrated, explained, unseen),
+        "shapes": _worst_shapes(p, models, predicted),
+        "states": _states(p, predicted, unseen),
         "names": names,
     }
     specs = [p.forward.catalogue[e] for e in f.decision.effects if e in p.forward.catalogue]
     factors = [by_actuator(p.robot, spec, values(named_sizes)) for spec in specs]
     section["by_actuator"] = [asdict(e) for e in factors if e is not None]
     if p.pushes is not None:
-        section["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
+        section["stiffness"] = _stiffness(p, p.pushes, predicted, unseen)
     return section
 
 
-def _states(p: Prepared, calibrated: Array, explained: Array, unseen: Errors) -> dict[str, Any]:
-    """Settings and tips, measured and predicted, of the states with a tip; the predictions are of all values (n,)."""
+def _states(p: Prepared, predicted: Mapping[str, Array], unseen: Mapping[str, Array]) -> dict[str, Any]:
+    """Settings and tips, measured and predicted, of the states with a tip; `predicted`: all values (n,) by model."""
     of_robot = ~p.states.pushed
     s = p.states.take(of_robot)
-    tips = {"tip": p.states.tip, "calibrated": p.tip(calibrated), "explained": p.tip(explained)}
-    if unseen is not None and not p.pushes_only:
-        tips |= {
-            "given": p.tip(p.given),
-            "calibrated_unseen": p.states.tip - unseen[0].vector,
-            "explained_unseen": p.states.tip - unseen[1].vector,
-        }
+    tips = {"tip": p.states.tip, **{name: p.tip(values) for name, values in predicted.items()}}
+    if unseen and not p.pushes_only:
+        tips |= {"given": p.tip(p.given), **{f"{name}_unseen": p.states.tip - p.tip(left) for name, left in unseen.items()}}
     return {
         "spine_length": s.spine_length.tolist(),
         "pressure": s.highest.tolist(),
@@ -73,12 +69,12 @@ def _states(p: Prepared, calibrated: Array, explained: Array, unseen: Errors) ->
     }
 
 
-def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
-    """Shapes of the worst state of each chamber group and spine length, at most four; a simulator has none."""
+def _worst_shapes(p: Prepared, models: Mapping[str, Array], predicted: Mapping[str, Array]) -> list[dict[str, Any]]:
+    """Shapes of the worst state of each chamber group and spine length, at most four, by models of parameters (k,) that
+    predict values (n,); a simulator has none."""
     if p.baseline is not None:
         return []
-    models = {"calibrated": p.common(calibrated), "explained": p.common(explained)}
-    tips = {name: p.tip(p.problem.forward.predict(theta)) for name, theta in models.items()}
+    tips = {name: p.tip(values) for name, values in predicted.items()}
     distance = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)
     length = levels(p.states.spine_length, SPINE_GAP)
     worst: dict[tuple[tuple[int, ...], int], int] = {}
@@ -105,12 +101,13 @@ def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict
     ]
 
 
-def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: Errors) -> dict[str, Any]:
+def _stiffness(
+    p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: Mapping[str, Array]
+) -> dict[str, Any]:
     """Force (N), deflection and what each model gives for the force, by reading of the stiffness trials."""
     pushed = p.states.pushed
     errors = {name: p.deflection(p.problem.observed - y) for name, y in {"as given": p.given, **predicted}.items()}
-    if unseen is not None:
-        errors |= {"unseen: calibrated": unseen[0].deflection, "unseen: explained": unseen[1].deflection}
+    errors |= {f"unseen: {name}": p.deflection(left) for name, left in unseen.items()}
     forces = {"force": p.problem.observed, **predicted}
     return {
         "waterfall_mm": {name: 1e3 * rms(error) for name, error in errors.items()},

@@ -68,21 +68,14 @@ def _separation(
 ) -> tuple[float, float]:
     """T of one effect against the other (None: against no effect), and of the other against the one, each with its parameters at
     `size` (p,); the other effects are free within `spike`, their shape parameters as `effect_size` (p,) allows."""
-    mask = p.mask((one,) if other is None else (one, other))
-    free = ~mask
-    root = np.sqrt(p.prior(mask, spike, effect_size).variance[free])
-    full = reduced.information
-    inner = np.eye(int(free.sum())) + root[:, None] * full[np.ix_(free, free)] * root[None, :]
-    across = full[np.ix_(mask, free)] * root
-    information = full[np.ix_(mask, mask)] - across @ np.linalg.solve(inner, across.T)
-    own = p.mask((one,))[mask]
-    return _chi_square_left(information, own, size[mask]), _chi_square_left(information, ~own, size[mask])
+    both = p.mask((one,) if other is None else (one, other))
+    information = _left(reduced.information, both, np.sqrt(p.prior(both, spike, effect_size).variance))
+    own, at, prior_sd = p.mask((one,))[both], size[both], np.ones(int(both.sum()))
+    of_one, of_other = (float(at[k] @ _left(information, k, prior_sd) @ at[k]) for k in (own, ~own))
+    return of_one, of_other
 
 
-def _chi_square_left(information: Array, own: Mask, size: Array) -> float:
-    """Misfit left of `own` at `size` when the others are fitted under their prior."""
-    at, rest = size[own], ~own
-    among = information[np.ix_(rest, rest)] + np.eye(int(rest.sum()))
-    across = information[np.ix_(own, rest)]
-    left = information[np.ix_(own, own)] - across @ np.linalg.solve(among, across.T)
-    return float(at @ left @ at)
+def _left(information: Array, own: Mask, sd: Array) -> Array:
+    """What is left of the information (p, p) about `own` parameters when the others are fitted within `sd` (p,) of each."""
+    across, among = information[np.ix_(own, ~own)] * sd[~own], information[np.ix_(~own, ~own)] * np.outer(sd[~own], sd[~own])
+    return information[np.ix_(own, own)] - across @ np.linalg.solve(among + np.eye(len(among)), across.T)

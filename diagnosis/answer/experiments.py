@@ -48,8 +48,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
     trials = s.trials
     main, count, words = np.flatnonzero(s.kind == 0), len(robot.actuators.azimuths_deg), robot.actuators.words
-    top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
-    chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
+    chambers = list(s.chambers[main[np.argmax(s.highest[main])]])  # of the state with the highest pressure of the main sweep
     rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
     grain = 10.0 ** (np.floor(np.log10(s.highest.max())) - 2)  # three digits, which may not round it up
     limit = robot.max_pressure or float(np.floor(s.highest.max() / grain + 1e-9) * grain)
@@ -233,13 +232,9 @@ def _information(predictions: tuple[RivalForecast, ...], weight: Array) -> tuple
     outcomes = [p.mean + rng.normal(size=(draws, len(p.mean))) @ p.factor.T for p in predictions]
     # (i, j, draws) of outcomes drawn from candidate i, under candidate j
     log_density = np.array([[q.log_density(own) for q in predictions] for own in outcomes])
-    mixture = logsumexp(log_density + np.log(weight)[:, None], axis=1)
-    bits = float(weight @ (np.einsum("iid->id", log_density) - mixture).mean(axis=1)) / np.log(2)
-
-    def pair_bits(true: int, other: int) -> float:
-        """By which outcomes drawn from one candidate tell it from one other, both as likely before."""
-        return float(1 - np.mean(np.logaddexp(0.0, log_density[true, other] - log_density[true, true])) / np.log(2))
-
-    pairs = itertools.combinations(range(len(predictions)), 2)
-    separated = [(i, j) for i, j in pairs if min(pair_bits(i, j), pair_bits(j, i)) > SEPARATED_BITS]
-    return max(bits, 0.0), separated  # the mean of few draws can fall below 0
+    mixture, own = logsumexp(log_density + np.log(weight)[:, None], axis=1), np.einsum("iid->id", log_density)
+    bits = float(weight @ (own - mixture).mean(axis=1)) / np.log(2)
+    # (i, j) by which outcomes drawn from candidate i tell it from j, both as likely before
+    pair_bits = 1 - np.logaddexp(0.0, log_density - own[:, None]).mean(axis=2) / np.log(2)
+    separated = np.argwhere(np.triu(np.minimum(pair_bits, pair_bits.T) > SEPARATED_BITS, 1))
+    return max(bits, 0.0), [(i, j) for i, j in separated.tolist()]  # the mean of few draws can fall below 0

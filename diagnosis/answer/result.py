@@ -19,9 +19,8 @@ from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity
 from ..judgement import SIZE_CERTAIN_SD
-from .decision import Decision
+from .decision import SCHEMA, Decision
 
-SCHEMA = "diagnosis/1"
 FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
 """What the gap is split by; with stiffness trials also by "stiffness": specimen and spine length."""
 STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement")
@@ -176,7 +175,7 @@ class Simulator:
     """Of the difference, 0 to 1, that the measurements do not show: fitted beside the leading hypothesis."""
     not_measured_mm: float
     """That share of it, beyond calibration."""
-    of_robot: float | None = None
+    of_robot: Number = math.nan
     """Area factor of robot.yaml."""
 
 

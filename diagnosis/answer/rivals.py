@@ -101,9 +101,9 @@ class Rivals:
             return None
         names = {info.name: i for i, info in enumerate(forward.parameters)}
         fitted_parameters = p.problem.parameters
-        shared = [(names[n], i) for i, n in enumerate(fitted_parameters.names) if n in names and not fitted_parameters.recurs[i]]
-        in_model, in_problem = np.array(shared).T  # the same parameters in this model and in the problem
-        known = np.searchsorted(np.flatnonzero(~fitted_parameters.recurs), in_problem)
+        lasting = np.flatnonzero(~fitted_parameters.recurs)
+        # the same parameters in this model and among those of the problem that last
+        _, in_model, known = np.intersect1d([*names], np.take(fitted_parameters.names, lasting), return_indices=True)
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
         fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         source = np.array([info.source for info in forward.parameters])
@@ -115,7 +115,7 @@ class Rivals:
         smooth, forecasts = errors.discrepancy, list[RivalForecast]()
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
-            theta[in_model] = c.fit.theta[in_problem]
+            theta[in_model] = c.fit.theta[lasting[known]]
             mean, slope = forward.linearise(theta)
             if not np.isfinite(mean).all() or not np.isfinite(slope).all():
                 return None
@@ -125,8 +125,7 @@ class Rivals:
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
             covariance += size**2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
-            offset = names.get(OFFSET)
-            by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
+            by_pressure = slope[:, [i for name, i in names.items() if name == OFFSET]]
             covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
             for effect in c.named:
                 contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))

@@ -57,7 +57,8 @@ def _verdict(d: Diagnosis) -> str:
     sure = (limit := limited(d)) or f"{a.p}; {judgement.BENCHMARK}"
     if not limit and a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED:
         catalogued = "it is in the catalogue" if a.effects else "no cause is outside the catalogue"
-        sure = f"{a.p}; {a.within:.2f} if {catalogued}; {judgement.BENCHMARK}"
+        given_that = a.probability / (1 - a.outside)
+        sure = f"{a.p}; {given_that:.2f} if {catalogued}; {judgement.BENCHMARK}"
     each = [f"{with_id(e, d.names)} (p = {p:.2f})" for e, p in a.second.items()]
     second = f" A second cause of comparable size acts with it: {' or '.join(each)}." if each else ""
     if a.conclusion == "cause":
@@ -366,8 +367,6 @@ def _simulator_acts(d: Diagnosis) -> str:
     if s is None or c is None or w is None or closed_by_calibration(d) is None:
         return ""
     text = f"{changed_by(d)}; that closes {w.given_mm - w.steps[0].left_mm:.1f} of {w.given_mm:.1f} mm. "
-    if s.of_robot is None:
-        return text
     of_rod, of_data = s.area_factor / s.of_robot, c.area_factor / s.of_robot
     if abs(of_data - 1) < judgement.SAME_FACTOR < abs(of_rod - 1):
         return f"{text}The rod of robot.yaml does not: the gap is in {s.name}; check its {d.words.pressures}, areas and modulus. "

@@ -21,7 +21,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,30 +41,13 @@ from .decision import share_closed
 from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 
 
-class Missed(NamedTuple):
-    """Errors (m) of the states as one model predicts them, NaN where nothing was measured or predicted."""
-
-    vector: Array
-    """(states, 3) measured minus predicted where the gap is looked for, see `Prepared.gap`."""
-    deflection: Array
-    """(states,) magnitude, of stiffness trials; NaN elsewhere."""
-
-    @property
-    def distance(self) -> Array:
-        """(states,) length of `vector`."""
-        return np.asarray(np.linalg.norm(self.vector, axis=1))
-
-
-Errors = tuple[Missed, Missed] | None
-"""By the calibrated baseline, and by the best hypothesis; None where no state was held out."""
-
-
 @dataclass(frozen=True)
 class Unseen:
     """What states say that no fit saw; nothing where no state was held out."""
 
     shrink: Shrink | None = None
-    errors: Errors = None
+    residuals: Mapping[str, Array] = field(default_factory=dict)
+    """Measured minus predicted (values,): calibrated, and explained by the best hypothesis."""
     rms_mm: Mapping[Hypothesis, float] = field(default_factory=dict)
     """By which leading hypotheses miss them."""
     waterfall: Waterfall | None = None
@@ -76,60 +58,52 @@ def candidate_model(p: Prepared, c: Candidate) -> Model:
     return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit.theta)
 
 
-class HeldOut:
-    """States in parts, each of which is predicted by fits to the others."""
+def left_out(p: Prepared, executor: Executor) -> tuple[CrossValidation, str] | None:
+    """States in parts, each of which is predicted by fits to the others, and how: by spine length, where there are three, else by
+    pressure, else by trial; None where there is but one part."""
+    part, how = levels(p.states.spine_length, SPINE_GAP), "leave one spine length out"
+    if len(np.unique(part)) < 3:
+        part, how = levels(p.states.highest, p.states.pressure_gap), f"leave one {p.robot.actuators.words.pressure} out"
+        if len(np.unique(part[~p.states.pushed])) < 3:
+            part, how = np.unique(p.states.trial, return_inverse=True)[1], "leave one trial out"
+    return (CrossValidation(p.problem, part[p.labels.state], executor), how) if part.any() else None
 
-    def __init__(self, p: Prepared, part: Ints, how: str, executor: Executor = SINGLE_THREAD) -> None:
-        """`part` (states,) is left out together; `how` names it."""
-        self.how, self._p = how, p
-        self._parts = CrossValidation(p.problem, part[p.labels.state], executor)
 
-    @classmethod
-    def of(cls, p: Prepared, executor: Executor) -> HeldOut | None:
-        """By spine length, where there are three, else by pressure, else by trial; None where there is but one part."""
-        length = levels(p.states.spine_length, SPINE_GAP)
-        if len(np.unique(length)) >= 3:
-            return cls(p, length, "leave one spine length out", executor)
-        pressure = levels(p.states.highest, p.states.pressure_gap)
-        if len(np.unique(pressure[~p.states.pushed])) >= 3:
-            return cls(p, pressure, f"leave one {p.robot.actuators.words.pressure} out", executor)
-        trial = np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64)
-        return cls(p, trial, "leave one trial out", executor) if trial.any() else None
-
-    def errors(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Missed]]:
-        """Start all refits; the function that is returned waits for them and returns the errors of each model."""
-        p, residuals = self._p, self._parts.residuals(models, step)
-        return lambda: [Missed(p.gap(residual), np.abs(p.deflection(residual))) for residual in residuals()]
+def distance(p: Prepared, residual: Array) -> Array:
+    """(states,) m by which residuals (values,) miss where the gap is looked for; NaN where nothing was measured or predicted."""
+    return np.asarray(np.linalg.norm(p.gap(residual), axis=1))
 
 
 def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:
     """Predict held-out states by the baseline and by what leads. Call the result with the answer to start the refits of its
     rivals and for its waterfall, and what that returns to wait for them."""
-    held_out = HeldOut.of(p, executor)
-    if held_out is None:
+    found = left_out(p, executor)
+    if found is None:
         return lambda f: Unseen
+    parts, how = found
     models = [Model(p.problem.parameters.prior_of(NONE), 0.0, begun.calibrated.theta), candidate_model(p, begun.weighed.best)]
-    before, after = held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)()
+    residuals = dict(zip(("calibrated", "explained"), parts.residuals(models, DiagnosisStep.HELD_OUT_STATES)(), strict=True))
+    before, after = (distance(p, residual) for residual in residuals.values())
 
     def of(f: Attribution) -> Callable[[], Unseen]:
         leading = [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
         others = [h for h in leading if h not in (NONE, f.best.named)]
-        refits = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
-        step_by_step = waterfall(f, held_out, before.distance, after.distance)
+        refits = parts.residuals([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
+        step_by_step = waterfall(f, parts, how, before, after)
 
         def finish() -> Unseen:
-            errors_of = {NONE: before, f.best.named: after, **dict(zip(others, refits(), strict=True))}
-            rms_mm = {h: 1e3 * rms(errors_of[h].distance) for h in leading}
-            seen = np.isfinite(before.distance) & np.isfinite(after.distance)
-            shrunk = closed(held_out.how, before.distance[seen], after.distance[seen], p.noise_floor, p.states.take(seen))
-            return Unseen(shrunk, (before, after), rms_mm, step_by_step())
+            missed = {NONE: before, f.best.named: after}
+            missed |= {h: distance(p, residual) for h, residual in zip(others, refits(), strict=True)}
+            seen = np.isfinite(before) & np.isfinite(after)
+            shrunk = closed(how, before[seen], after[seen], p.noise_floor, p.states.take(seen))
+            return Unseen(shrunk, residuals, {h: 1e3 * rms(missed[h]) for h in leading}, step_by_step())
 
         return finish
 
     return of
 
 
-def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) -> Callable[[], Waterfall]:
+def waterfall(f: Attribution, parts: CrossValidation, how: str, before: Array, after: Array) -> Callable[[], Waterfall]:
     """Start the refits that the section `waterfall` needs besides the errors (states,) m `before` and `after`; the function
     returned waits for them.
 
@@ -140,22 +114,21 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
     with_tolerances = candidate_model(p, f.best if named else f.posterior.candidates[NONE])
     subsets = [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
     tolerant_is_known = bool(named) or f.best.named == NONE
-    smooth = []
-    for size in SMOOTH_SIZES:
-        refit = fit(p.problem, with_tolerances.prior, size, with_tolerances.theta, 4, least_promise=UNCONVERGED)
-        smooth.append(replace(with_tolerances, size=size, theta=refit.theta, smooth=True))
+    prior, start = with_tolerances.prior, with_tolerances.theta
+    by_size = {size: fit(p.problem, prior, size, start, 4, least_promise=UNCONVERGED) for size in SMOOTH_SIZES}
+    smooth = [replace(with_tolerances, size=size, theta=refit.theta, smooth=True) for size, refit in by_size.items()]
     alone = (Model(p.problem.parameters.prior_of(s), 0.0, fit_alone(p.problem, s, f.best.fit.theta, 4).theta) for s in subsets)
     models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *alone]
-    refits = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
+    refits = parts.residuals(models, DiagnosisStep.GAP_STEP_BY_STEP)
 
     def finish() -> Waterfall:
-        in_order = (missed.distance for missed in refits())
+        in_order = (distance(p, residual) for residual in refits())
         tolerant = after if tolerant_is_known else next(in_order)
         # the size that predicts best; none where a smooth function predicts worse than no function
         with_smooth = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
         by_causes = {frozenset[str](): before}
         by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
-        return _steps(p, named, by_causes, (tolerant, with_smooth), held_out.how)
+        return _steps(p, named, by_causes, (tolerant, with_smooth), how)
 
     return finish
 
@@ -167,9 +140,10 @@ def _simulator_as_it_is(p: Prepared) -> Array | None:
     made = p.problem.parameters
     sd = np.where(np.array(made.names) == SHARE, TINY, made.sd)
     own = replace(p, problem=replace(p.problem, parameters=replace(made, sd=sd)))
-    held_out = HeldOut.of(own, SINGLE_THREAD)
-    assert held_out is not None
-    return held_out.errors([Model(own.problem.parameters.prior_of(NONE), 0.0, calibrated(own).theta)])()[0].distance
+    found = left_out(own, SINGLE_THREAD)
+    assert found is not None
+    (residual,) = found[0].residuals([Model(own.problem.parameters.prior_of(NONE), 0.0, calibrated(own).theta)])()
+    return distance(own, residual)
 
 
 def _steps(
@@ -178,7 +152,7 @@ def _steps(
     """The waterfall of errors (states,) m: `by_causes` of the models with some of the causes and no tolerance, `after` of those
     with tolerances and with a smooth discrepancy. Each step is the rms before it less the rms after it; the last two end at the
     noise floor and at 0."""
-    given, as_it_is = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1), _simulator_as_it_is(p)
+    given, as_it_is = distance(p, p.problem.observed - p.given), _simulator_as_it_is(p)
     before = [given, *([] if as_it_is is None else [as_it_is])]
     seen: Mask = np.asarray(np.isfinite([*by_causes.values(), *before, *after]).all(axis=0))  # predicted by every model
     names, trial = np.unique(p.states.trial[seen], return_inverse=True)
@@ -216,10 +190,9 @@ def closed(how: str, before: Array, after: Array, floor: float, states: Campaign
     trials anew, see `interval_closed`."""
     share = share_closed(rms(before), rms(after), floor)
     interval = None if share is None else interval_closed(before, after, floor, states.trial, kind)
-    level = levels(states.spine_length, SPINE_GAP)
     by_length = tuple(
-        LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
-        for i in (level == k for k in np.unique(level))
+        LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), len(i))
+        for i in rows_by(levels(states.spine_length, SPINE_GAP))
     )
     return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * floor, share, interval, by_length)
 

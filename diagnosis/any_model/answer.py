@@ -9,11 +9,9 @@ from typing import Any
 
 from model.shown import Shown
 
-from ..answer.decision import Decision
+from ..answer.decision import SCHEMA, Decision
 from ..arrays import Array
 from ..judgement import CAUSE_PROBABILITY
-
-SCHEMA = "diagnosis/1"
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,14 @@ import numpy as np
 from model.cause import Cause
 
 from .. import judgement
-from ..arrays import Array, Ints, Mask, scattered
+from ..arrays import Array, Ints, Mask, rms, scattered
 from ..criticism.stage_errors import gains_of
 from ..errors import BadCase
 from ..inference.discrepancy import SmoothErrors, eigenfunctions
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.fit import Fit, fit_alone
 from ..inference.problem import FitParameters, Problem
+from .answer import Left
 from .cause import Parameter
 from .model import Model, Predict
 from .noise import NOISE_FLOOR, NoiseEstimate, blocks, left, of_repeats
@@ -73,11 +74,10 @@ class Built:
         """(outputs,) noise floor, in each output's unit."""
         return self.estimate.floor
 
-    def rms(self, residual: Array) -> Array:
-        """(1 + outputs,) root mean square of residuals (n,): over all in noise floors, then of each output in its unit."""
-        whole = np.sqrt(np.nanmean((residual / self.sd[self.output]) ** 2))
-        each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
-        return np.array([whole, *each])
+    def left(self, residual: Array) -> Left:
+        """Root mean square of residuals (n,)."""
+        each = {name: rms(residual[self.output == i]) for i, name in enumerate(self.table.outputs)}
+        return Left(rms(residual / self.sd[self.output]), each)
 
     def by_row_and_output(self, values: Array) -> Array:
         """(rows, outputs) of values (n,); NaN where not measured."""
@@ -333,7 +333,7 @@ def _with_sizes(b: Built) -> Built:
 def _with_discrepancy(b: Built) -> Built:
     """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
     problem, p = b.problem, b.problem.parameters
-    gap = b.rms(problem.observed - b.calibrated.predicted)[1:]
+    gap = np.array([*b.left(problem.observed - b.calibrated.predicted).by_output.values()])
     draws = (b.table.functions if b.by_row else eigenfunctions(b.table.time(), FUNCTIONS))[b.row]
     white = b.response.T / b.sd[b.output][:, None]
     left = p.beyond_calibration(white * p.sd, white)

@@ -118,18 +118,17 @@ class _Diagnosis:
         known = [(s.effect, s.role == "size" and s.certain) for s in self._sizes(w.best.named)]
         decision = without_nothing(decision, known, lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
-        before, after, corrected = (b.rms(residual).tolist() for residual in unseen)
-        closed = share_closed(before[0], max(after[0], 1.0), 1.0)
+        before, after, corrected = map(b.left, unseen)
+        closed = share_closed(before.floors, max(after.floors, 1.0), 1.0)
         decision = behaves_like(decision, w.best.named, ranked, closed)
-        if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
+        if decision.verdict == "none" and before.floors > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
             # one of several that cannot be told apart, so that each may be zero
             named, outside = w.best.named, ranked.probability(UNKNOWN)
             decision = replace(decision, verdict="effect", effects=named, probability=ranked.probability(named), outside=outside)
-        elif decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
-            decision = outside_at_most(decision, 1 - 1 / before[0] ** 2)
-        best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
-        as_well = alike(among, decision.effects, best)
-        why = self._doubts(decision, before[0], corrected[0], as_well)
+        elif decision.verdict == "none" and before.floors > judgement.LEFT_FLOORS:
+            decision = outside_at_most(decision, 1 - 1 / before.floors**2)
+        as_well = alike(among, decision.effects, w.search.found.get(w.best.named, w.best).log_evidence)
+        why = self._doubts(decision, before.floors, corrected.floors, as_well)
         if decision.verdict != "unknown":
             decision = doubted(decision, why, 0)
         elif why:
@@ -142,14 +141,10 @@ class _Diagnosis:
         fitted = self._fitted(decision.effects)
         at_fit = b.model.values(fitted.theta)
         given = b.problem.forward.predict(np.zeros_like(self._p.sd))
-        left = [("as given", given, None), ("calibrated", self._calibrated.predicted, before)]
-        if decision.effects:
-            left.append(("with the cause", fitted.predicted, after))
-        steps = [
-            Step(name, self._left(b.rms(b.problem.observed - at).tolist()), None if u is None else self._left(u))
-            for name, at, u in left
-        ]
-        steps.append(Step("noise floor", self._left([1.0, *b.sd.tolist()]), None))
+        seen = [b.left(b.problem.observed - predicted) for predicted in (given, self._calibrated.predicted, fitted.predicted)]
+        steps = [Step("as given", seen[0], None), Step("calibrated", seen[1], before)]
+        steps += [Step("with the cause", seen[2], after)] if decision.effects else []
+        steps.append(Step("noise floor", Left(1.0, dict(zip(b.table.outputs, b.sd.tolist(), strict=True))), None))
         ranking = tuple(
             Ranked(h, q, () if h == UNKNOWN else self._sizes(h, fitted if h == decision.effects else None))
             for h, q in ranked.ranking
@@ -175,19 +170,19 @@ class _Diagnosis:
         moved = [whole - b.problem.forward.predict(np.where(np.isin(p.effects, effect), 0.0, theta)) for effect in p.ids]
         sd = b.sd[b.output][:, None]
         beyond = p.beyond_calibration(np.transpose(moved) / sd, slope / sd) * sd
-        moves = {effect: self._left(b.rms(own).tolist()) for effect, own in zip(p.ids, beyond.T, strict=True)}
+        moves = {effect: b.left(own) for effect, own in zip(p.ids, beyond.T, strict=True)}
         return {effect: moves[effect].by_output for effect in sorted(moves, key=lambda e: -moves[e].floors)}
 
     def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
         """Why it is not certain, with noise floors on unseen rows `before` and `after` corrections, and relatives `as_well`."""
         b, why = self._b, list[str]()
-        lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
+        if d.verdict != "effect" and b.lasting:
+            return [
+                f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
+            ]
         if d.verdict != "effect":
-            if b.lasting:
-                why.append(lasting)
-            elif d.verdict == "unknown" and before < OUTSTANDING and b.estimated:
-                why.append("the noise had to be estimated without repeats")
-            return why
+            unsure = d.verdict == "unknown" and before < OUTSTANDING and b.estimated
+            return ["the noise had to be estimated without repeats"] if unsure else []
         limit = min(max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before), np.sqrt(1 + LEFT_SQUARES * before**2))
         if after > max(limit, 1 + LEAST_LEFT / np.sqrt(2 * len(b.row))):
             why.append(f"on unseen rows {after:.2g} noise floors remain of {before:.2g}, so that other causes may act too")
@@ -218,9 +213,6 @@ class _Diagnosis:
             columns = SmoothErrors(function, b.output, len(b.sd), (size / b.sd)[b.output]).discrepancy
             errors.append(StageError("outside the list", name, free_form_gain(g, columns)))
         return tuple(sorted(errors, key=lambda e: -e.gain))
-
-    def _left(self, rms: Sequence[float]) -> Left:
-        return Left(rms[0], dict(zip(self._b.table.outputs, rms[1:], strict=True)))
 
     def _fitted(self, named: Hypothesis) -> Fit:
         """What is named and the calibration fitted, nothing else."""

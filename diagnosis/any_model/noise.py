@@ -66,15 +66,13 @@ def of_repeats(table: Table, repeat: Ints) -> NoiseEstimate:
     outputs = table.measured.shape[1]
     sd, share, memory = np.full(outputs, np.nan), np.zeros(outputs), np.ones(outputs)
     block, place = blocks(table)
-    for i, values in enumerate(table.measured.T):
-        by = pd.Series(values).groupby(repeat)
-        count = by.transform("count").to_numpy()
-        free = int((by.count() - 1).clip(lower=0).sum())
-        if free >= LEAST_DIFFERENCES:
-            own = np.isfinite(values) & (count > 1)
-            away = ((values - by.transform("mean").to_numpy()) * np.sqrt(count / np.maximum(count - 1, 1)))[own]
-            if not away.any():  # copies of one reading
-                continue
+    by = pd.DataFrame(table.measured).groupby(repeat)
+    count, free = by.transform("count").to_numpy(), (by.count() - 1).clip(lower=0).sum().to_numpy()
+    missed = (table.measured - by.transform("mean").to_numpy()) * np.sqrt(count / np.maximum(count - 1, 1))
+    for i in np.flatnonzero(free >= LEAST_DIFFERENCES).tolist():
+        own = table.kept[:, i] & (count[:, i] > 1)
+        away = missed[own, i]
+        if away.any():  # else copies of one reading
             share[i], memory[i], _ = _lasting(block[own], place[own], away, np.zeros((len(away), 0)))
             sd[i] = max(np.sqrt(np.mean(away**2)), NOISE_FLOOR * table.spread[i])
     return NoiseEstimate(sd, share, memory, sd)

@@ -61,10 +61,8 @@ class Table:
     def time(self) -> Array:
         """(n, 1 + groups) place within the group and the group, in correlation lengths."""
         groups = np.unique(self.group)
-        apart = (
-            1.5 / np.sqrt(2) * (self.group[:, None] == groups) if 1 < len(groups) <= FUNCTIONS else np.zeros((len(self.group), 0))
-        )
-        return np.hstack([self.order[:, None] / CORRELATION_TIME, apart])
+        told = groups if 1 < len(groups) <= FUNCTIONS else groups[:0]
+        return np.hstack([self.order[:, None] / CORRELATION_TIME, 1.5 / np.sqrt(2) * (self.group[:, None] == told)])
 
 
 def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repeat: str | None) -> Table:

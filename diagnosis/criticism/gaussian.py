@@ -19,10 +19,8 @@ class Gaussian:
     def __init__(self, linear: Linear, prior: SizePrior, size: float, form_error: float) -> None:
         self.linear, nuisance, p = linear, linear.nuisance, linear.effects.shape[1]
         large = linear.discrepancy_size(size, form_error)
-        errors = [(columns, scale) for columns, scale in ((linear.form_error, form_error), (linear.discrepancy, large)) if scale]
-        dense = np.hstack([linear.effects, nuisance.dense, *(columns for columns, _ in errors)])
-        of_each = [np.sqrt(prior.variance), np.ones(nuisance.at.size), *(np.full(e.shape[1], scale) for e, scale in errors)]
-        dense *= np.concatenate(of_each)
+        errors = [columns * scale for columns, scale in ((linear.form_error, form_error), (linear.discrepancy, large)) if scale]
+        dense = np.hstack([linear.effects * np.sqrt(prior.variance), nuisance.dense, *errors])
         of_errors = p + nuisance.shape[1] + np.arange(dense.shape[1] - p - nuisance.at.size)
         at = np.concatenate([np.arange(p), p + nuisance.at, of_errors])
         self._x = Columns(dense, at, nuisance.sparse, p + nuisance.rest)
@@ -41,11 +39,10 @@ class Gaussian:
 
     def covariance(self, of_effect: Mask, chosen: Ints) -> Array:
         """(c, c) posterior covariance of chosen parameters (c,), `of_effect` (k,) those of effects, in units of priors."""
-        column = np.empty(len(of_effect), np.int64)
-        column[np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])] = np.arange(len(of_effect))
+        columns = np.argsort(np.argsort(~of_effect, kind="stable"))[chosen]  # those of effects come first
         unit = np.zeros((self._x.shape[1], len(chosen)))
-        unit[column[chosen], np.arange(len(chosen))] = 1.0
-        out = self._factors.solve(unit)[column[chosen]]
+        unit[columns, np.arange(len(chosen))] = 1.0
+        out = self._factors.solve(unit)[columns]
         return np.asarray(0.5 * (out + out.T))
 
     def inner(self, columns: Array) -> Array:

@@ -13,7 +13,6 @@ Log evidence is divided by the temperature, as everywhere.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -102,14 +101,11 @@ def fit_relative(p: Prepared, r: Related, start: Candidate, least_weight: float)
     searched with derivatives by these alone first, and to its end where it then still promises `least_weight`."""
     of_problem = p.problem.parameters
     forward = _with_relatives(p, {r.relative: relatives(p.robot)[r.relative]})
-    infos = parameters(possible(forward, p.robot)).infos
+    made = parameters(possible(forward, p.robot))
     # in the problem; -1: of the relative
-    place = np.array([of_problem.names.index(i.name) if i.name in of_problem.names else -1 for i in infos])
-    wider = FitParameters(
-        infos,
-        np.where(place < 0, [i.sd for i in infos], of_problem.sd[place]),
-        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else of_problem.least[j] for j in place.tolist()),
-    )
+    place = np.array([of_problem.names.index(name) if name in of_problem.names else -1 for name in made.names])
+    least = np.where(place < 0, made.least, np.take(of_problem.least, place))
+    wider = replace(made, sd=np.where(place < 0, made.sd, of_problem.sd[place]), least=tuple(least.tolist()))
     problem = replace(p.problem, forward=MaskedForward(forward, p.kept), parameters=wider)
     named = (*r.beside, r.relative)
     theta = np.where(place < 0, 0.0, start.fit.theta[place])
@@ -142,11 +138,8 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     theta = np.array([fitted.get(info.name, 0.0) for info in forward.parameters])
     own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
     slope = derivatives(forward, theta, own)[1].whole[p.kept]
-    infos = parameters(tuple(forward.parameters[i] for i in own)).infos
-    sd = np.array([i.sd for i in infos])
-    known, free = problem.parameters, problem.parameters.calibration
-    calibrated = replace(known, infos=(*itertools.compress(known.infos, free), *infos), sd=np.append(known.sd[free], sd))
-    columns = Columns.of(np.hstack([problem.slope(c.fit.derivatives(problem)).take(free).whole, slope]))
-    least = least_sizes(calibrated, p.labels, columns, p.noise_floor)[int(free.sum()) :]
-    wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd), least=known.least + least)
-    return wider, problem.noise.whiten(slope * sd)
+    known, made = problem.parameters, parameters(tuple(forward.parameters[i] for i in own))
+    wider = replace(known, infos=known.infos + made.infos, sd=np.append(known.sd, made.sd))
+    columns = Columns.of(np.hstack([problem.slope(c.fit.derivatives(problem)).whole, slope]))
+    least = least_sizes(wider, p.labels, columns, p.noise_floor)[len(known.infos) :]
+    return replace(wider, least=known.least + least), problem.noise.whiten(slope * made.sd)
