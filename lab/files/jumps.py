@@ -287,17 +287,16 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
 
 
 def _alone(own: Campaign, place: Array, nearest: Ints, off: Array, setting: Ints, i: int) -> bool:
-    """Whether state i is `off` (m) the nearest repeat of its place (n, 3), while in its trial those before and after, at more
-    than half of each pressure, are not and no other at its setting stands with it: a slip, a first cycle or a drift lasts. And
-    not by up to the steps that the body takes there, as one that snaps, lags or creeps is, nor at a peak: it may snap there."""
+    """Whether state i is `off` (m) the nearest repeat of its place (n, 3), while in its trial those before and after are not and
+    no other at its setting stands with it: a slip, a first cycle or a drift lasts. And not by up to the steps that the body takes
+    there, as one that snaps, lags or creeps is, nor at a peak: it may snap there."""
     from scipy.optimize import lsq_linear
 
     around, own_trial = [i - 1, i + 1], own.trial == own.trial[i]
     if not 0 < i < len(own) - 1 or not own_trial[around].all() or not (off[around] < MUCH_LESS * off[i]).all():
         return False
-    alike = (own.pressure[around] > 0.5 * own.pressure[i]) | (own.pressure[i] <= own.pressure_gap)
     peak = (own.highest[around] < own.highest[i]).all()
     beside = np.linalg.norm(place[own_trial & (setting == setting[i])] - place[i], axis=1) < 0.5 * off[i]
     steps, error = place[around] - place[nearest[i]], place[i] - place[nearest[i]]
     left = np.linalg.norm(lsq_linear(steps.T, error, (-1.0, 1.0)).fun)
-    return bool(alike.all() and not peak and beside.sum() == 1 and left > 0.5 * off[i])
+    return bool(not peak and beside.sum() == 1 and left > 0.5 * off[i])

@@ -253,7 +253,8 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
             g.doubt("columns.t.scale", "0.01 s per frame is a guess; state the true frame time")
             continue
         is_text = h.name in series.words and column not in ("branch", "protocol", "specimen")
-        if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or is_text:
+        values = _branches(series, h.name) if column == "branch" else {}
+        if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or is_text or values is None:
             ignored.append(h.name)
             continue
         if column == "roll_deg" and changes_throughout(series.numbers[h.name]):
@@ -280,10 +281,6 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
                 replaces = f"its {least:g} {unit} and more replace robot.yaml's tip_mass of {own:g} {unit}"
                 g.doubt("columns.tip_mass", f"{replaces}: if they count only what was added, write `zero: {-own:g}`")
         if column == "branch":
-            values = _branches(series, h.name)
-            if values is None:
-                ignored.append(h.name)
-                continue
             entry["values"] = values
         g.say(f"columns.{column}", entry, why)
     if "columns.spine_length" not in g.reasons and robot.spine is not None:

@@ -181,8 +181,7 @@ def test_a_changed_truth_is_noticed(small_set: Path) -> None:
 
 
 def test_a_set_is_not_made_over_another(made: Path) -> None:
-    with pytest.raises(ConfigError, match="not empty"):
-        make(made, Recipe("bench", 1, 1), "tip")
+    raises(ConfigError, "not empty", make, made, Recipe("bench", 1, 1), "tip")
 
 
 # ------------------------------------------------------------------ run

@@ -450,24 +450,19 @@ def line(a: Attribute, closed: float | None = None, words: Words = Chambers.word
 @pytest.mark.parametrize(
     ("effect", "sizes", "words"),
     [
-        ("chamber_azimuth", {"angle": (0.1396, "rad")}, "The chambers are turned by 8.0 ± 0.6 deg about the axis (p = 0.96)."),
-        ("spine_length_offset", {"offset": (-0.0123, "m")}, "The spine is 12 ± 10 mm shorter than read (p = 0.96)."),
-        ("body_modulus", {"excess": (0.15, "1")}, "The body is 15 ± 1 % stiffer than stated (p = 0.96)."),
-        ("base_tilt", {"x": (0.03, "rad"), "y": (-0.04, "rad")}, "The base is tilted by 2.9 ± 0.6 deg (p = 0.96)."),
-        ("pressure_deadband", {"band": (9e3, "Pa")}, "The chambers act only above 9.0 kPa (p = 0.96)."),
-        ("chamber_order", {}, "The chambers hang on other regulators than robot.yaml states (p = 0.96)."),
-        ("my_own_effect", {"d": (3.0, "1")}, "My own effect is at work (p = 0.96)."),
+        ("chamber_azimuth", {"angle": (0.1396, "rad")}, "The chambers are turned by 8.0 ± 0.6 deg about the axis"),
+        ("spine_length_offset", {"offset": (-0.0123, "m")}, "The spine is 12 ± 10 mm shorter than read"),
+        ("body_modulus", {"excess": (0.15, "1")}, "The body is 15 ± 1 % stiffer than stated"),
+        ("base_tilt", {"x": (0.03, "rad"), "y": (-0.04, "rad")}, "The base is tilted by 2.9 ± 0.6 deg"),
+        ("pressure_deadband", {"band": (9e3, "Pa")}, "The chambers act only above 9.0 kPa"),
+        ("chamber_order", {}, "The chambers hang on other regulators than robot.yaml states"),
+        ("my_own_effect", {"d": (3.0, "1")}, "My own effect is at work"),
+        ("spine_length_offset", {"offset": (-0.0123, "m", False)}, "The spine is some amount longer or shorter than read"),
     ],
 )
-def test_a_cause_is_said_with_its_size(effect: str, sizes: dict[str, tuple[float, str]], words: str) -> None:
-    found = {f"{effect}.{name}": Value(value, 0.01, unit) for name, (value, unit) in sizes.items()}
-    assert line(attribute("effect", "cause", found, effect)) == words
-
-
-def test_a_size_that_the_data_do_not_determine_is_not_stated() -> None:
-    sizes = {"spine_length_offset.offset": Value(-0.0123, 0.01, "m", determined=False)}
-    said = line(attribute("effect", "cause", sizes, "spine_length_offset"))
-    assert said == "The spine is some amount longer or shorter than read (p = 0.96)."
+def test_a_cause_is_said_with_its_size_if_determined(effect: str, sizes: dict[str, tuple[Any, ...]], words: str) -> None:
+    found = {f"{effect}.{name}": Value(value, 0.01, *of) for name, (value, *of) in sizes.items()}
+    assert line(attribute("effect", "cause", found, effect)) == f"{words} (p = 0.96)."
 
 
 @pytest.mark.parametrize("effect", CATALOGUE)

@@ -1,7 +1,7 @@
 """What the UR5 tests share: the arm under test."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,12 +37,9 @@ def a_rig(speed: float = 1.0, version: str = "3.15.8.106339", dashboard: bool = 
 @contextmanager
 def an_arm(rig: Rig, **settings: Any) -> Iterator[UR5]:
     """The driver with these settings in rig.yaml, open."""
-    arm = UR5("arm", Config(host=rig.host, **settings), rig.clock)
-    arm.open()
-    try:
+    with closing(UR5("arm", Config(host=rig.host, **settings), rig.clock)) as arm:
+        arm.open()
         yield arm
-    finally:
-        arm.close()
 
 
 def raised(pose: tuple[float, ...], by: float) -> tuple[float, ...]:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
-import yaml
 from commands import SOUND, Cli
 from virtual_lab import lab, meanwhile, press_ctrl_c, recorded, settings
 
@@ -58,10 +57,8 @@ def test_a_run_hands_over_where_the_joints_have_brought_the_flange(rig: Path, tm
     assert cli("replay", done["file"], "--json").json["equal"]
 
 
-def test_a_body_that_is_not_on_the_flange_ends_the_run(rig: Path, tmp_path: Path, cli: Cli) -> None:
-    table = yaml.safe_load(rig.read_text())
-    table["instruments"]["mocap"]["body"] = "Base"
-    rig.write_text(yaml.safe_dump(table))
+def test_a_body_that_is_not_on_the_flange_ends_the_run(stand: FakeRig, tmp_path: Path, cli: Cli) -> None:
+    write_rig(stand, rig := tmp_path / "rig.yaml", {"instruments": {"mocap": {"body": "Base", "markers": []}}})
     told = cli("run", "arm_accuracy", "--rig", rig, *SHORT, "--out", tmp_path, code=1).err
     assert "from where the flange has brought it" in told and "mocap.body" in told
     recording = Recording.open(recorded(tmp_path))

@@ -49,13 +49,10 @@ def start(simulated: SimulatedClock, tmp_path: Path) -> Iterator[Start]:
     """Fakes with such regulators, and a rig.yaml that tells of them what is given."""
     with ExitStack() as running:
 
-        def start(regulators: FakeRegulators, **written: Any) -> tuple[FakeRig, Path]:
+        def start(regulators: FakeRegulators, mocap: dict[str, Any] | None = None, **pressure: Any) -> tuple[FakeRig, Path]:
             fakes = running.enter_context(FakeRig(speed=SPEED, seed=4, regulators=regulators))
             rig = tmp_path / "rig.yaml"
-            write_rig(fakes, rig)
-            data = yaml.safe_load(rig.read_text())
-            data["instruments"]["pressure"] |= {"timeout": 2.0} | written
-            rig.write_text(yaml.safe_dump(data))
+            write_rig(fakes, rig, {"instruments": {"pressure": {"timeout": 2.0} | pressure, "mocap": mocap or {}}})
             return fakes, rig
 
         yield start
@@ -103,7 +100,7 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
     assert "unverified" not in cli(*run, code=SOUND).out
     (first,) = tmp_path.glob("*.mcap")
     assert Recording.open(first).metadata["check"]["moved"].startswith("20")
-    rig.write_text(rig.read_text().replace("units:\n    - A\n    - B", "units:\n    - B\n    - A"))
+    rig.write_text(rig.read_text().replace("units: [A, B", "units: [B, A"))
     assert "are unverified: instruments or stand of" in cli(*run, code=SOUND).out
     (second,) = set(tmp_path.glob("*.mcap")) - {first}
     assert Recording.open(second).metadata["check"]["moved"] == "no"
@@ -144,10 +141,8 @@ def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(start: 
 
 
 def test_calibrating_finds_where_base_axes_and_chambers_are(start: Start, cli: Cli) -> None:
-    fakes, rig = start(FakeRegulators(swapped=(2, 3)))
-    data = yaml.safe_load(rig.read_text())
-    data["instruments"]["mocap"]["mocap_to_base"] = {"position": [0, 0, 0], "quaternion": [1, 0, 0, 0]}  # nobody knows it yet
-    rig.write_text(yaml.safe_dump(data))
+    unknown = {"mocap_to_base": {"position": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}
+    fakes, rig = start(FakeRegulators(swapped=(2, 3)), mocap=unknown)
     told = cli("check", "--calibrate", "--yes", "--json", "--seconds", "0", "--rig", rig, code=(0, 3)).json
     text = "\n".join(told["calibration"])
     made = yaml.safe_load(re.findall(r"mocap_to_base: (\{.*\})", text)[0])

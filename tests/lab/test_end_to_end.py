@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from commands import SOUND, Cli
 from virtual_lab import VirtualLab, lab, meanwhile, press_ctrl_c, recorded, settings
 
@@ -13,6 +12,7 @@ from drivers.errors import InstrumentError
 from lab.calibration import calibrate
 from lab.files.inputs import read_case
 from lab.rig.assembly import Rig
+from lab.verbs.fakes import write_rig
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from sim_fakes.virtual_robot.truth import TABLE_II
@@ -52,14 +52,9 @@ def test_check_tells_an_instrument_that_opens_and_sends_nothing(
         return failures
 
     monkeypatch.setattr(Rig, "open_all", then_silent)
-    rig = virtual_lab.rig.with_name("short.yaml")
-    data = yaml.safe_load(virtual_lab.rig.read_text())
-    data["limits"] = {"max_age": 4.0}
-    rig.write_text(yaml.safe_dump(data))
-    try:
-        done = cli("check", "--rig", rig, "--seconds", "0", "--json", code=1)
-    finally:
-        mocap.faults.silent = False
+    monkeypatch.setattr(mocap.faults, "silent", False)  # as it is again at the end
+    write_rig(virtual_lab.fakes, rig := virtual_lab.rig.with_name("short.yaml"), {"limits": {"max_age": 4.0}})
+    done = cli("check", "--rig", rig, "--seconds", "0", "--json", code=1)
     found = {i["instrument"]: i for i in done.json["instruments"]}
     assert not found["mocap"]["ok"] and "no sample in 4" in found["mocap"]["problem"]
     assert all(i["ok"] for name, i in found.items() if name != "mocap")
@@ -161,12 +156,3 @@ def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(virtual_lab: Virtu
     assert f"{own}:{line}: run: AttributeError: 'Staircase' object has no attribute 'stepp'" in told.err
     (file,) = tmp_path.glob("own-*.mcap")
     assert Recording.open(file).outcome == "failed" and "safe state confirmed" in Recording.open(file).log[-1].text
-
-
-def test_a_mistake_in_the_defaults_for_a_robot_is_told_with_its_line(tmp_path: Path, cli: Cli) -> None:
-    own = tmp_path / "own.py"
-    text = CREEP.with_name("staircase.py").read_text()
-    defaults = '    @classmethod\n    def defaults_for(cls, robot):\n        return {"chambers": robot.azimuths}\n'
-    own.write_text(text.replace("class Staircase(Parameters):\n", f"class Staircase(Parameters):\n{defaults}\n"))
-    told = cli("plan", own, "--rig", CREEP.parents[1] / "rig/rig.yaml", code=2).err
-    assert f"{own}:" in told and "'RobotFacts' object has no attribute 'azimuths'" in told and "Traceback" not in told

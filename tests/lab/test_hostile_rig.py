@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import psutil
+import pytest
 import yaml
 from commands import SOUND, Cli
 from terminal import Terminal
@@ -87,13 +88,10 @@ def hostile(lab: VirtualLab, folder: Path) -> Iterator[Path]:
     (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
     path = folder / "rig.yaml"
     path.write_text(yaml.safe_dump(rig))
-    valve = lab.fakes.lines["valve"]
-    valve.identity = SERIAL  # type: ignore[attr-defined]
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lab.fakes.lines["valve"], "identity", SERIAL)
+        patch.setattr(lab.fakes.lines["valve"].faults, "extra", {})
         yield path
-    finally:
-        valve.identity = "SOFTLAB1"  # type: ignore[attr-defined]
-        valve.faults.extra.clear()
 
 
 def test_check_shows_names_and_answers_plain_and_limits_with_units(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:

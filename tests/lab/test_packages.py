@@ -227,7 +227,9 @@ def test_effects(install: Install) -> None:
     assert "package greedy 1.0: entry point any = greedy:EFFECTS of softlab.effects: the name base_tilt" in text
 
 
-@pytest.mark.parametrize("text", ["EFFECTS = ()", "EFFECTS = 3", "nothing = 1", "1 / 0", "def oops(:", "raise SystemExit"])
+@pytest.mark.parametrize(
+    "text", ["EFFECTS = ()", "EFFECTS = ('colder',)", "EFFECTS = 3", "nothing = 1", "1 / 0", "def oops(:", "raise SystemExit"]
+)
 def test_a_file_without_good_effects_is_refused_by_name(tmp_path: Path, text: str, cli: Cli) -> None:
     path = tmp_path / "own.py"
     path.write_text(text)

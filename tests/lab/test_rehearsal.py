@@ -156,6 +156,8 @@ def run(bench, p, trials):
         ("    vent(bench)", "    raise SystemExit('enough')", "raise SystemExit", "run: SystemExit: enough"),
         ("WAY = [(45e3", "WAY = [(fortyfive", "WAY = [(", "cannot be run: NameError: name 'fortyfive'"),
         ("    steps = [Step", "    steps = [Stp", "steps = [Stp", "NameError: name 'Stp'"),
+        ("PARAMETERS = Parameters", "class PARAMETERS(Parameters):\n    defaults_for = classmethod(lambda cls, r: r.azimuths)",
+         "r.azimuths", "'RobotFacts' object has no attribute 'azimuths'"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_run_is_told_with_its_line(old: str, new: str, line: str, said: str, tmp_path: Path, cli: Cli) -> None:

@@ -192,30 +192,28 @@ def test_of_very_many_problems_the_first_are_spelled_out_and_the_rest_is_counted
     assert len(told.splitlines()) == MOST_PROBLEMS + 1
 
 
-def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:
+def test_a_number_may_say_how_well_it_is_known() -> None:
     text = stated = paper_robot().read_text()
     for key, value in {"length": "40 cm +- 2 mm", "density": "1300 ± 3 %", "tip_mass": "8 g +- 0.5 g"}.items():
         stated = re.sub(rf"(?m)^{key}: .*$", f"{key}: {value}", stated)
     stated = re.sub(r"(?m)^  path_radius: .*$", "  path_radius: 4 cm +- 1 %", stated)
-    (tmp_path / "robot.yaml").write_text(f"{stated}uncertainty: {{tilt: 1 deg, area_factor: 5 %, azimuths: 1 deg}}\n")
-    robot = load(tmp_path / "robot.yaml", Robot)
+    robot = robot_of(f"{stated}uncertainty: {{tilt: 1 deg, area_factor: 5 %, azimuths: 1 deg}}\n")
     assert robot.length == pytest.approx(0.4) and robot.density == 1300.0 and robot.actuators.path_radius == 0.04
     assert robot.uncertainty.stated == pytest.approx({
         "length": 2e-3, "density": 0.03, "tip_mass": 5e-4, "path_radius": 4e-4,
         "tilt": math.pi / 180, "area_factor": 0.05, "azimuths": math.pi / 180,
     })  # fmt: skip
-    again = check(parse_yaml(robot_yaml(robot), "again"), Robot)
-    assert again == robot
-    (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 kPa", text))
-    refused("length: '2 kPa' has the unit 'kPa'.*505 kPa \\+- 30 %", load, tmp_path / "robot.yaml", Robot)
-    (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^outer_radius: .*$", "outer_radius: 40 mm +- 2 %", text))
-    refused(r"outer_radius: '40 mm \+- 2 %': \+- may follow length, .*bending_stiffness", load, tmp_path / "robot.yaml", Robot)
+    assert robot_of(robot_yaml(robot)) == robot
+    pressed = re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 kPa", text)
+    refused("length: '2 kPa' has the unit 'kPa'.*505 kPa \\+- 30 %", robot_of, pressed)
+    wide = re.sub(r"(?m)^outer_radius: .*$", "outer_radius: 40 mm +- 2 %", text)
+    refused(r"outer_radius: '40 mm \+- 2 %': \+- may follow length, .*bending_stiffness", robot_of, wide)
 
 
-def test_a_bending_stiffness_may_say_how_well_it_is_known(tmp_path: Path) -> None:
+def test_a_bending_stiffness_may_say_how_well_it_is_known() -> None:
     text = re.sub(r"(?m)^youngs_modulus: .*$", "youngs_modulus: 200 GPa +- 30 %", paper_robot().read_text())
-    (tmp_path / "robot.yaml").write_text(f"bending_stiffness: 0.115 N m^2 +- 15 %\n{text}".replace("# shear", "#"))
-    assert load(tmp_path / "robot.yaml", Robot).uncertainty.stated == pytest.approx({"youngs_modulus": 0.15})
+    robot = robot_of(f"bending_stiffness: 0.115 N m^2 +- 15 %\n{text}".replace("# shear", "#"))
+    assert robot.uncertainty.stated == pytest.approx({"youngs_modulus": 0.15})
 
 
 # ------------------------------------------------------------------ rig.yaml as `lab fakes` writes it

@@ -112,8 +112,7 @@ def test_an_effect_of_ones_own_may_stand_there_and_takes_part_like_any_other(pap
     raises(BadRobot, r"effects\.colder: is not known.*--effects", Moved, robot, columns)
     with_it, plain = Moved(robot, columns, catalogue=with_effects([own])), Moved(robot.plain, columns, catalogue={})
     assert np.abs(with_it.still - plain.still).max() > 1e-3 < np.abs(with_it.by(colder__excess=0.2)).max()
-    with pytest.raises(BadEffect, match="taken"):
-        with_effects([own], with_effects([own]))
+    raises(BadEffect, "taken", with_effects, [own], with_effects([own]))
 
 
 @pytest.mark.parametrize(

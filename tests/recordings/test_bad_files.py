@@ -44,8 +44,7 @@ def test_json_with_many_flat_lists_and_brackets_in_texts_is_read() -> None:
 def test_a_state_with_a_value_of_another_kind_is_refused(where: str, key: str, value: object) -> None:
     values = json.loads(STATE.to_json())
     (values[where] if where else values)[key] = value
-    with pytest.raises(BadMessage):
-        State.from_json(json.dumps(values))
+    raises(BadMessage, None, State.from_json, json.dumps(values))
     assert State.from_json(STATE.to_json()).to_json() == STATE.to_json()
 
 
@@ -56,8 +55,7 @@ def test_a_row_with_a_value_of_another_kind_is_refused(name: str, value: object)
     row = ("trial", 1), ("step", 1), ("protocol", "bending"), ("repeat", 1), ("branch", "load"), ("t", 1.0), ("spine_length", 0.1)
     cells = {**dict(row), "p1": 0.0}
     TrialRow.from_json(json.dumps(cells))
-    with pytest.raises(BadTable):
-        TrialRow.from_json(json.dumps(cells | {name: value}))
+    raises(BadTable, None, TrialRow.from_json, json.dumps(cells | {name: value}))
 
 
 @pytest.mark.parametrize(

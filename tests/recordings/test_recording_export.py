@@ -47,8 +47,7 @@ def test_a_recording_without_a_concluded_state_makes_no_case_folder(recording: R
 
 def test_every_column_is_described_with_unit_and_time_base(recording: Recording, tmp_path: Path) -> None:
     files = {f.stem: f for f in export_streams(recording, tmp_path)}
-    with files["columns"].open(newline="") as file:
-        rows = {(row["file"], row["column"]): row for row in csv.DictReader(file)}
+    rows = {(row["file"], row["column"]): row for row in csv.DictReader(files["columns"].read_text().splitlines())}
     for name, path in files.items():
         if name != "columns":
             heads = path.read_text().splitlines()[0].split(",")

@@ -22,6 +22,7 @@ from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.messages import PRESSURE
+from tests.simulated.bench import raises
 
 HUGE, MB = 2**62, 2**20
 REST = ((0.0,) * 9, (1.0,) * 9)
@@ -197,8 +198,7 @@ def test_every_way_of_reading_stays_within_memory_and_answers_with_our_own_error
 def test_a_budget_refuses_what_goes_beyond_the_share_of_the_files_size() -> None:
     budget = ReadingBudget("a.mcap", 1000)
     budget.take(Cost.UNPACKED, budget.left(Cost.UNPACKED))
-    with pytest.raises(Oversized, match=r"a\.mcap.*file of 1000 bytes"):
-        budget.take(Cost.UNPACKED, 1)
+    raises(Oversized, r"a\.mcap.*file of 1000 bytes", budget.take, Cost.UNPACKED, 1)
     assert largest_chunk(1000) == SMALL_CHUNK < largest_chunk(100 * MB)
 
 
@@ -211,14 +211,12 @@ def test_a_recording_of_constant_values_which_packs_best_still_opens(tmp_path: P
 @pytest.mark.parametrize("shape", ["1x1x1x1", "0x1000000000000", "9x1", "2x2"])
 def test_a_shape_that_no_robot_has_is_another_version(tmp_path: Path, shape: str) -> None:
     (tmp_path / "a.mcap").write_bytes(whole(SCHEMA, channel(shape), packed(message())))
-    with pytest.raises(OtherVersion, match="shape"):
-        Recording.open(tmp_path / "a.mcap").stream("/pressure")
+    raises(OtherVersion, "shape", Recording.open(tmp_path / "a.mcap").stream, "/pressure")
 
 
 def test_a_stream_without_its_schema_is_damage(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(whole(channel(), packed(message(b"x"))))
-    with pytest.raises(Damaged, match="schema 1, which is missing"):
-        Recording.open(tmp_path / "a.mcap").stream("/pressure")
+    raises(Damaged, "schema 1, which is missing", Recording.open(tmp_path / "a.mcap").stream, "/pressure")
 
 
 def test_recovering_a_torn_bomb_says_that_nothing_could_be_kept(tmp_path: Path) -> None:

@@ -48,10 +48,8 @@ def test_a_message_without_a_field_is_read_by_the_runtime(whole: Path, tmp_path:
 def test_another_schema_version_and_a_missing_stream_are_refused_by_name(whole: Path, tmp_path: Path) -> None:
     other = Recording.open(rewritten(whole, tmp_path / "b.mcap", channel={"schema_version": "7"}))
     raises(OtherVersion, "schema version 7, this software reads 1", other.stream, "/tip")
-    with pytest.raises(MissingStream, match="/pressure"):
-        Recording.open(whole).stream("/temperature")
-    with pytest.raises(MissingStream, match="not a stream of numbers"):
-        Recording.open(whole).stream("/log")
+    raises(MissingStream, "/pressure", Recording.open(whole).stream, "/temperature")
+    raises(MissingStream, "not a stream of numbers", Recording.open(whole).stream, "/log")
 
 
 def followed(path: Path) -> None:

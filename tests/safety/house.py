@@ -47,9 +47,8 @@ class House(VirtualLab):
 
     def change_instrument(self, name: str, **values: Any) -> None:
         """Rewrite one instrument's table in rig.yaml."""
-        data = yaml.safe_load(self.rig.read_text())
-        data["instruments"][name].update(values)
-        self.rig.write_text(yaml.safe_dump(data))
+        known = yaml.safe_load(self.rig.read_text())["instruments"][name]
+        self.change(instruments={name: known | values})
 
     def highest(self) -> float:
         """The highest chamber pressure in truth, Pa."""

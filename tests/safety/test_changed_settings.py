@@ -12,6 +12,7 @@ from drivers.interfaces import PressureSample
 from lab.guard.limit_monitor import DriverSettings
 from lab.rig.assembly import Rig
 from sim_fakes.alicat import AlicatFake
+from tests.simulated.bench import raises
 
 HELD = 60e3
 
@@ -49,8 +50,7 @@ def test_a_unit_of_measure_changed_while_inflated_lands_the_rig(house: House, ri
     assert f"unit {letter} shows" in rig.vital.landed.text and "register FPF 6" in rig.vital.landed.text
     assert rig.vital.landed.report is not None and rig.vital.landed.report.confirmed, str(rig.vital.landed.report)
     assert until(lambda: house.highest() < 5e3)
-    with pytest.raises(InstrumentError, match=f"unit {letter} shows"):
-        rig.actuators.pressure.set((HELD,) * 3)
+    raises(InstrumentError, f"unit {letter} shows", rig.actuators.pressure.set, (HELD,) * 3)
 
 
 def test_one_changed_during_a_ramp_is_sent_at_most_one_more_pressure(house: House, rig: Rig) -> None:
@@ -73,8 +73,7 @@ def test_one_changed_between_trials_is_refused_before_the_first_pressure(house: 
     rig.actuators.pressure.vent()
     assert until(lambda: house.highest() < 1e3)
     turn(house, "A", "psi")
-    with pytest.raises(WrongDevice, match="unit A shows PSI .*kPa is needed"):
-        rig.actuators.pressure.set((HELD,) * 3)
+    raises(WrongDevice, "unit A shows PSI .*kPa is needed", rig.actuators.pressure.set, (HELD,) * 3)
     assert house.highest() < 1e3
     assert until(lambda: rig.vital.landed is not None)
 
@@ -128,8 +127,7 @@ def test_a_jump_by_a_ratio_of_units_has_them_read_until_that_succeeds(ratio: flo
     settings = DriverSettings({"pressure": driver})
     assert not settings.may_have_changed("pressure", reading(0.0, pressure))
     assert settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
-    with pytest.raises(NoReply):
-        settings.confirm("pressure", trial=True)
+    raises(NoReply, None, settings.confirm, "pressure", trial=True)
     assert settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
     driver.error = None
     settings.confirm("pressure", trial=True)

@@ -23,8 +23,7 @@ def test_a_written_latch_locks_and_says_why_and_what_to_do_until_it_is_cleared(t
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"why": 1}', b"\xff\xfe\x00", b"null", b"[" * 99_000])
 def test_a_damaged_latch_locks(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "rig.latch").write_bytes(content)
-    with pytest.raises(RigLocked):
-        Latch(tmp_path / "rig.yaml").demand_free()
+    raises(RigLocked, None, Latch(tmp_path / "rig.yaml").demand_free)
 
 
 def test_the_journal_keeps_what_was_noted_and_does_not_grow_for_ever(tmp_path: Path) -> None:

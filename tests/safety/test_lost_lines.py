@@ -21,6 +21,7 @@ from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
 from tests.sim_fakes.plugged import Plugged
+from tests.simulated.bench import raises
 from timing import RigClock
 
 FIRST, SECOND = "alicat+dynamixel", "smc_itv+tmcl"
@@ -125,8 +126,7 @@ def test_the_guard_lands_everything_by_itself_and_names_the_line(small: House, n
         assert until(lambda: rig.vital.landed is not None)
         landed = rig.vital.landed
         assert landed is not None and isinstance(landed.error, Unreachable) and landed.error.instrument == name
-        with pytest.raises(Unreachable, match=f"{name}: lost "):
-            rig.actuators.pressure.set((10e3, 10e3, 10e3))
+        raises(Unreachable, f"{name}: lost ", rig.actuators.pressure.set, (10e3, 10e3, 10e3))
 
 
 def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_reported(small: House) -> None:
@@ -141,8 +141,7 @@ def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_report
         report = rig.make_safe()
         assert [s.instrument for s in report.steps if not s.confirmed] == ["pressure"]
         assert small.latch.exists()
-        with pytest.raises(InstrumentError):
-            rig.actuators.pressure.set((10e3, 10e3, 10e3))
+        raises(InstrumentError, None, rig.actuators.pressure.set, (10e3, 10e3, 10e3))
         small.fakes.switch.end()
         assert small.landed()
         assert until(lambda: any(e.kind == "confirmed" for e in events))
@@ -202,8 +201,7 @@ def test_an_adapter_that_comes_back_under_the_name_of_another_is_landed_and_not_
         plugged.exchange(spine, gauge)
         small.fakes.lines["spine"].plug()
         assert until(lambda: rig.make_safe().confirmed)
-        with pytest.raises(WrongDevice, match="is the USB adapter .* as before"):
-            rig.actuators.resume()
+        raises(WrongDevice, "is the USB adapter .* as before", rig.actuators.resume)
         plugged.exchange(spine, gauge)
         rig.actuators.resume()
         inflate(rig, small)

@@ -78,23 +78,20 @@ def test_an_owner_says_who_it_is_and_lands_when_asked() -> None:
 
 
 def test_a_name_has_one_owner_and_who_comes_second_is_refused_at_once_by_name() -> None:
-    first, second = Door(["a", "b"], Lander(), about="lab run bending"), Door(["b", "c"], Lander())
-    first.open()
-    raises(RigLocked, "in use: lab run bending", second.open, within=3600)
-    raises(RigLocked, "in use: lab run bending", demand_free, ["b"])
-    first.close()
+    second = Door(["b", "c"], Lander())
+    with open_door(["a", "b"], "", "lab run bending"):
+        raises(RigLocked, "in use: lab run bending", second.open, within=3600)
+        raises(RigLocked, "in use: lab run bending", demand_free, ["b"])
     second.open()
     second.close()
 
 
 def test_who_comes_while_the_owner_is_ending_waits_for_its_end() -> None:
-    lander = Lander()
-    first, second = Door(["a"], lander), Door(["a"], Lander())
-    first.open()
-    lander.ending = True
-    demand_free(["a"])
-    raises(RigLocked, "still landing", second.open, within=0.1)
-    first.close()
+    second = Door(["a"], Lander())
+    with open_door(["a"]) as (_, lander):
+        lander.ending = True
+        demand_free(["a"])
+        raises(RigLocked, "still landing", second.open, within=0.1)
     second.open(within=60)
     second.close()
 
@@ -176,13 +173,12 @@ def test_a_guard_out_of_reach_of_its_names_is_asked_next_to_rig_yaml(tmp_path: P
     folder = tmp_path / ("long" * 40)
     folder.mkdir()
     rig = folder / "rig.yaml"
-    first, second = (Door(names_of_path(rig), Lander(), str(rig), "lab run bending") for _ in range(2))
-    first.open()
-    elsewhere(monkeypatch)
-    assert stat.S_IMODE((folder / "rig.yaml.sock").stat().st_mode) == 0o600
-    assert [answer for _, answer in land(names_of_path(rig), rig).answered] == [LandingAnswer(REPORT, "the arm moves")]
-    raises(RigLocked, "in use: lab run bending", second.open, within=3600)
-    first.close()
+    second = Door(names_of_path(rig), Lander(), str(rig), "lab run bending")
+    with open_door(names_of_path(rig), str(rig), "lab run bending"):
+        elsewhere(monkeypatch)
+        assert stat.S_IMODE((folder / "rig.yaml.sock").stat().st_mode) == 0o600
+        assert [answer for _, answer in land(names_of_path(rig), rig).answered] == [LandingAnswer(REPORT, "the arm moves")]
+        raises(RigLocked, "in use: lab run bending", second.open, within=3600)
     assert list(folder.iterdir()) == []
     second.open()
     second.close()

@@ -100,13 +100,9 @@ def test_too_much_force_stops_the_arm_before_the_sensor_has_its_zero_and_after(
     if zeroed:
         rig.streams["force"].zero(5)
     set_off(house, rig)
-    device = sensor(house).device
-    bias = device.bias.copy()
-    device.bias = bias + np.array([newton, 0, 0, 0, 0, 0])
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sensor(house).device, "bias", sensor(house).device.bias + np.array([newton, 0, 0, 0, 0, 0]))
         assert until(lambda: rig.vital.landed is not None, 10.0)
-    finally:
-        device.bias = bias
     assert speed(house) < STILL
     with pytest.raises(DeviceFault, match="limits.max_force"):
         rig.actuators.arm.move_to(tuple(rig.streams["arm_state"].latest().tcp_pose), SLOW, 0.3)

@@ -10,6 +10,7 @@ import pytest
 
 import timing
 from tests.simulated import clock as simulated
+from tests.simulated.bench import raises
 from tests.simulated.clock import Deadlock
 from timing import RigClock
 
@@ -45,8 +46,7 @@ def test_a_thread_whose_condition_holds_goes_on_before_time_does() -> None:
     event.set()
     thread.join()
     assert seen == [7, True] and timing.now() - before < 1e-3
-    with pytest.raises(queue.Empty):
-        numbers.get(timeout=2.0)
+    raises(queue.Empty, None, numbers.get, timeout=2.0)
     assert not timing.Event().wait(3.0) and timing.now() - before == pytest.approx(5.0)
 
 
@@ -81,8 +81,7 @@ def test_a_pipe_is_readable_as_soon_as_it_is_written_and_not_after_the_time_out(
 def test_threads_that_wait_for_each_other_for_ever_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulated, "STUCK_AFTER", 0.05)
     timing.Thread(target=timing.Event().wait, name="the other").start()
-    with pytest.raises(Deadlock, match="the other"):
-        timing.Event().wait()
+    raises(Deadlock, "the other", timing.Event().wait)
 
 
 def test_an_interrupt_reaches_who_waits_and_the_clock_goes_on() -> None:
@@ -111,5 +110,4 @@ def test_it_stands_still_while_nobody_lives_in_it_and_others_keep_their_own() ->
     outside.start()
     outside.join()
     assert timing.together() and seen == [False]
-    with pytest.raises(ValueError, match="must be above 0"):
-        RigClock(0.0)
+    raises(ValueError, "must be above 0", RigClock, 0.0)

@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 
@@ -56,9 +57,8 @@ class Client:
 @pytest.fixture
 def client(process: UrProcess) -> Iterator[Client]:
     process.backdoor("forget")
-    client = Client(process.host)
-    yield client
-    client.close()
+    with closing(Client(process.host)) as client:
+        yield client
 
 
 def test_the_stream_begins_after_start_steps_by_one_cycle_and_ends_with_pause(client: Client) -> None:
@@ -102,13 +102,12 @@ def test_a_list_of_names_beyond_its_longest_is_refused(process: UrProcess, clien
 
 
 def test_protocol_version_1_streams_at_the_full_rate_without_recipe_numbers(process: UrProcess) -> None:
-    client = Client(process.host, negotiate=False)
-    assert client.ask("V", struct.pack(">H", 1)) == b"\x01"
-    assert client.ask("O", b"timestamp,actual_q") == b"DOUBLE,VECTOR6D"
-    assert client.ask("S") == b"\x01"
-    first, second = (struct.unpack(">7d", client.receive()[1])[0] for _ in range(2))
+    with closing(Client(process.host, negotiate=False)) as client:
+        assert client.ask("V", struct.pack(">H", 1)) == b"\x01"
+        assert client.ask("O", b"timestamp,actual_q") == b"DOUBLE,VECTOR6D"
+        assert client.ask("S") == b"\x01"
+        first, second = (struct.unpack(">7d", client.receive()[1])[0] for _ in range(2))
     assert second - first == pytest.approx(0.008)
-    client.close()
 
 
 RECORDED = (
@@ -158,12 +157,10 @@ def test_a_malformed_packet_ends_the_connection(process: UrProcess, client: Clie
 
 
 def test_nothing_goes_before_the_protocol_version_and_an_unknown_one_is_refused(process: UrProcess) -> None:
-    other = Client(process.host, negotiate=False)
-    assert other.ask("V", struct.pack(">H", 9)) == b"\x00"
-    other.close()
-    client = Client(process.host, negotiate=False)
-    raises(ConnectionError, None, client.ask, "v")
-    client.close()
+    with closing(Client(process.host, negotiate=False)) as client:
+        assert client.ask("V", struct.pack(">H", 9)) == b"\x00"
+    with closing(Client(process.host, negotiate=False)) as client:
+        raises(ConnectionError, None, client.ask, "v")
 
 
 def test_a_stuck_value_stays_while_the_stamps_go_on(process: UrProcess, client: Client) -> None:

@@ -14,6 +14,7 @@ from model.rotation import from_vector, multiply
 from model.section import body_second_moment
 from tests.model.effects.campaigns import Moved, campaign, pushes
 from tests.model.rods.cases import solved
+from tests.simulated.bench import raises
 
 
 def at_some_values(forward: ForwardModel, seed: int, share: float = 0.4) -> Any:
@@ -135,18 +136,15 @@ def test_parameters_of_a_trial_reach_its_own_rows_only(paper_robot: Robot) -> No
 )
 def test_a_table_that_does_not_fit_is_refused_by_column(paper_robot: Robot, change: dict[str, Any], message: str) -> None:
     columns = campaign(lengths=(0.1,), levels=(60e3, 120e3))
-    with pytest.raises(BadCondition, match=message):
-        design_from_columns(paper_robot, columns | change)
+    raises(BadCondition, message, design_from_columns, paper_robot, columns | change)
 
 
 def test_parameters_beyond_their_bounds_are_refused_by_name(paper_robot: Robot) -> None:
     forward = ForwardModel(paper_robot, design_from_columns(paper_robot, campaign(lengths=(0.1,), levels=(60e3,))))
     theta = np.zeros(len(forward.parameters))
     theta[forward.index("vacuum_leak")[0]] = -0.1
-    with pytest.raises(BadCondition, match=r"vacuum_leak\.lost"):
-        forward.predict(theta)
-    with pytest.raises(BadCondition, match="no_such"):
-        forward.index("no_such")
+    raises(BadCondition, r"vacuum_leak\.lost", forward.predict, theta)
+    raises(BadCondition, "no_such", forward.index, "no_such")
 
 
 def test_a_table_of_stiffness_trials_alone_needs_no_pressures(paper_robot: Robot) -> None:

@@ -11,7 +11,6 @@ import pytest
 
 from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, Law, Parameter
-from model.effects.catalogue import announced
 from model.effects.proof import prove
 from model.effects.quantities import Quantities
 from model.effects.spec import Values
@@ -29,12 +28,6 @@ def test_every_effect_says_what_it_is_and_where_it_is_seen() -> None:
         assert all(p.low == 0 for p in positive)
         assert all(p.high == 1 for p in positive if p.sign == "blend")
     assert CATALOGUE["pressure_offset"].family_id == CATALOGUE["pressure_deadband"].family_id
-
-
-@pytest.mark.parametrize("value", [(), None, ("colder",)])
-def test_what_is_no_effect_is_refused(value: object) -> None:
-    with pytest.raises(BadEffect, match="must be a tuple of EffectSpec"):
-        announced(value)
 
 
 def test_declarations_that_could_never_be_absent_are_refused() -> None:

@@ -9,6 +9,7 @@ from model.rods import FAST, FINE, PAPER, Fast, Form, Method, Paper, Rods, Statu
 from model.rods.beam import bar_deflection, bending_compliance, shear_compliance
 from tests.model.rods.cases import robots
 from tests.model.rods.reference import REFERENCE
+from tests.simulated.bench import raises
 
 EDGES, BEND, SHEAR = (0.0, 0.1, 0.25, 0.4), (3.0, 2.0, 1.5), (900.0, 700.0, 500.0)
 EVERY = pytest.mark.parametrize("method", [FAST, REFERENCE, PAPER], ids=lambda m: type(m).__name__)
@@ -60,11 +61,9 @@ def test_a_push_short_of_the_end_is_equation_eight() -> None:
 def test_a_term_or_a_start_that_a_method_does_not_know_is_refused_by_name(method: Method) -> None:
     tilted = robots(1, 100e3, 0.1)
     tilted.field("base_turn")[:] = (0.0, 0.01, 0.0)
-    with pytest.raises(BadCondition, match=f"base_turn: .* {type(method).__name__}"):
-        solve(tilted, method)
+    raises(BadCondition, f"base_turn: .* {type(method).__name__}", solve, tilted, method)
     plain = robots(1, 100e3, 0.1)
-    with pytest.raises(BadCondition, match="start"):
-        solve(plain, method, start=solve(plain, Fast(remember=True)))
+    raises(BadCondition, "start", solve, plain, method, start=solve(plain, Fast(remember=True)))
 
 
 @EVERY
@@ -75,13 +74,11 @@ def test_of_no_rods_every_method_finds_nothing(method: Method) -> None:
 
 @EVERY
 def test_arc_lengths_beyond_the_rod_are_refused(method: Method) -> None:
-    with pytest.raises(BadCondition, match="arc_lengths: 0.5 m of rod 0"):
-        solve(robots(1, 100e3, 0.1), method, arc_lengths=[0.5])
+    raises(BadCondition, "arc_lengths: 0.5 m of rod 0", solve, robots(1, 100e3, 0.1), method, arc_lengths=[0.5])
 
 
 def test_what_did_not_converge_holds_nan_and_says_why() -> None:
     found = solve(wild_rods(4, 1).changed(dead_force=[0.0, 0.0, -400.0], load=0.0, tip_moment=0.0), FAST)
     assert not found.converged.any() and np.isnan(found.tip).all()
     assert set(found.status) <= {Status.OTHER_BRANCH, Status.FAILED}
-    with pytest.raises(SolveFailed, match="of the load"):
-        found.trusted()
+    raises(SolveFailed, "of the load", found.trusted)

@@ -9,6 +9,7 @@ from model.rods import FINE, Fast, Form, Rods, Status, rods, solve, stations
 from model.rotation import to_base
 from tests.model.rods.cases import robots
 from tests.model.rods.reference import REFERENCE
+from tests.simulated.bench import raises
 
 SECOND_MODE = 2.4674
 """pi^2 / 4: P L^2 / EI at which a cantilever buckles under a dead load."""
@@ -75,8 +76,7 @@ def test_a_pushed_column_is_flagged_beyond_its_buckling_load_and_only_there() ->
     assert all(np.isnan(values[2]).all() for values in (solution.tip, solution.orientation, solution.base_moment, solution.shape))
     # A stretchable column buckles a little off Euler's load.
     assert solution.load_reached[2] * 1.3 == pytest.approx(1.0, abs=0.08)
-    with pytest.raises(SolveFailed, match=r"1 of 3 rods .* 2 \("):
-        solution.trusted()
+    raises(SolveFailed, r"1 of 3 rods .* 2 \(", solution.trusted)
 
 
 def test_a_bent_rod_that_hangs_stands_where_growing_loads_lead_and_not_where_it_is_curled_up() -> None:
@@ -181,10 +181,8 @@ def test_the_base_turns_with_its_tilt_and_gives_with_its_moment() -> None:
 )
 def test_bad_input_is_refused_by_the_name_of_its_field(field: str, value: object, said: str) -> None:
     given = {"length": [[0.1, 0.3]], "bend_stiffness": 2.0, "stretch_stiffness": 900.0} | {field: value}
-    with pytest.raises(BadCondition, match=said):
-        rods(Form(elements=2), 2, **given)
+    raises(BadCondition, said, rods, Form(elements=2), 2, **given)
 
 
 def test_a_form_without_elements_is_refused() -> None:
-    with pytest.raises(BadCondition, match="elements: 0"):
-        Form(elements=0)
+    raises(BadCondition, "elements: 0", Form, elements=0)
