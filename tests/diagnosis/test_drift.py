@@ -90,6 +90,6 @@ def test_a_lag_or_hysteresis_is_no_shift_also_where_it_begins_at_a_row(law: Call
 
 
 def test_a_diagnosis_of_places_of_other_rows_says_so_first_and_is_not_certain() -> None:
-    answer = diagnose(Measured(FINGER, shifted(60, 120, 1, read(FINGER, repeats=6))), quick())
-    assert answer.headline.startswith("Unclear: positions are logged 1 row early from trial 13 step 1")
+    answer = diagnose(Measured(FINGER, shifted(61, 120, 1, read(FINGER, repeats=6))), quick())
+    assert answer.headline.startswith("Unclear: positions are logged 1 row early from trial 13 step 2 to trial 24 step 5")
     assert answer.findings[0].severity == "critical" and answer.attribute.conclusion != "cause"
