@@ -21,7 +21,7 @@ from recordings.trials import Table, counted
 from .. import judgement
 from ..arrays import Array, Mask
 from ..findings import Finding, finding
-from .levels import FORCE_GAP, LOADS, pressure_gap
+from .levels import LOADS, pressure_gap
 from .plausible import FARTHEST
 
 
@@ -77,8 +77,8 @@ def _run(tip: Array, given: Mask, terms: Array, by: int) -> tuple[Mask, Array, A
 
 def _terms(table: Table, most: int) -> Array:
     """(n, terms) products of the settings that vary, up to the degree of which there are no more than `most`."""
-    gaps = [*[pressure_gap(table)] * table.pressures.shape[1], *LOADS.values(), *[FORCE_GAP] * 3]
-    settings = np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS), table.tip_force])
+    gaps = [*[pressure_gap(table)] * table.pressures.shape[1], *LOADS.values()]
+    settings = np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS)])
     varied = settings[:, np.ptp(settings, axis=0) > gaps]
     u, out = (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0), [np.ones((len(varied), 1))]
     for degree in range(1, judgement.SHIFT_DEGREE + 1):
