@@ -40,7 +40,7 @@ CHANGE = " (change)"
 """End of the name of a parameter that may differ between the campaigns."""
 
 
-@one_thread
+@one_thread()
 def compare_campaigns(
     later: Case, reference: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE, executor: Executor = SINGLE_THREAD
 ) -> Change:

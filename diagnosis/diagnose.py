@@ -88,7 +88,7 @@ def diagnose(case: Case, options: Options | None = None) -> Diagnosis:
     return examine(case, options).diagnosis
 
 
-@one_thread
+@one_thread()
 def examine(case: Case, options: Options | None = None) -> Examined:
     """Diagnose as `diagnose` does; also the hypotheses still in play, which predict what an experiment would give."""
     options = options or Options()

@@ -66,7 +66,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "shifted": (
             "{first} to {last} ({states} states): positions are logged {by} {when}. There they miss those of all other states at "
-            "like settings by {own_mm:.1f} mm, with the settings {by} {where} by {mm:.1f} mm (rms): was a row lost, or logged "
+            "like settings by {own_mm:.1f} mm, with the settings {by} {where} by {mm:.1f} mm (mean): was a row lost, or logged "
             "twice at a restart? Move columns x, y, z and those of markers {by} {back} there; until then no cause is certain"
         ),
         "stiffness_far_off": (

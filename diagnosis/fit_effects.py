@@ -140,7 +140,7 @@ class Fitted(Shown, FittedRobot):
         }
 
 
-@one_thread
+@one_thread()
 def fit_effects(
     case: Case,
     effects: Sequence[str],

@@ -71,19 +71,18 @@ MEMORY, MEMORY_LOG_SD, LONGEST_MEMORY = 1.25, 1.0, 37.5
 """Time over which lasting errors are forgotten, paces of the campaign, prior standard deviation of its logarithm, and the
 longest: beyond is drift."""
 
-SHIFT_MOST = 3
-"""Rows by which places may be early or late."""
+SHIFTS = (-2, -1, 1, 2)
+"""Rows by which places may be late (negative) or early."""
 SHIFT_DEGREE, SHIFT_ROWS_PER_TERM = 4, 4
 """Highest degree of the polynomial in the settings, and fewest states for each of its terms."""
-SHIFT_PARTS, SHIFT_ROUNDS = 6, 6
-"""Parts of the table at whose ends the search begins, and how often rows and polynomial are fitted in turn."""
-SHIFT_STRAY = 6.0
-"""Median distances from the polynomial, with the settings of any row near it, beyond which a place is left out."""
+SHIFT_ROUNDS = 3
+"""How often polynomial and rows are fitted in turn."""
 SHIFT_LEAST, SHIFT_WAY = 8, 0.1
-"""Fewest states with a shift, and without one, that tell; difference of w from 1 and 0 up to which places are off by rows."""
+"""Fewest states with a shift that tell, and difference of w from 1 up to which places are off by rows."""
 SHIFT_ONE_WAY, SHIFT_LEFT = 0.5, 0.5
-"""Share of the ways that they may add up to, as on a ramp in one direction another stiffness looks the same; and of the rms
-without a shift that may be left. Of 260 tables of robots without a shift none comes near, of those with one nearly all."""
+"""Share of the ways that they may add up to, as on a ramp in one direction another stiffness looks the same; and of the distance
+from the own settings' places that may be left. Of 260 tables of robots without a shift none comes near, of those with one nearly
+all."""
 SHIFT_DELAY = 0.1
 """The same of places that are late in all rows: a lag leaves more."""
 

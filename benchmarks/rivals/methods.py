@@ -184,7 +184,7 @@ METHODS: dict[str, Callable[[Prepared], dict[str, Any]]] = {
 }
 
 
-@one_thread
+@one_thread()
 def answer(root: Path, out: Path, methods: Sequence[str], name: str) -> str:
     """The answers of some methods to one case, each in its folder, with the seconds of processor that it took."""
     places = {m: place for m in methods if not (place := out / m / f"{name}.json").exists()}

@@ -15,7 +15,7 @@ from model.effects.design import design_from_columns
 from model.robot import LIMITS, Robot
 
 from ..arrays import Array
-from ..data.campaign import Campaign, tips
+from ..data.campaign import Campaign, places
 from ..data.case import Case, states
 from ..data.levels import SPINE_GAP, levels
 from ..errors import BadCase, BadHoldout
@@ -86,5 +86,5 @@ def _tip_errors(p: Prepared, own: Campaign, theta: Array) -> Array:
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
     fitted = dict(zip(p.problem.parameters.names, theta, strict=True))
     predicted = forward.predict(np.array([fitted.get(i.name, 0.0) if i.lasts else 0.0 for i in forward.parameters]))
-    tip = tips(len(own), forward.observations.row, forward.observations.channel, predicted)
+    tip = places(len(own), forward.observations.row, forward.observations.channel, predicted)
     return np.asarray(np.linalg.norm(own.tip - tip, axis=1))

@@ -96,8 +96,7 @@ def _parts(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[_Part
             yield ("branch", branch, s.trial[own], gap[own], floor)
     for own in _quarters(s.time):
         yield ("time", float(np.round(s.time[own].mean(), 6)), s.trial[own], gap[own], floor)
-    for k, arc in enumerate(p.robot.markers, 1):
-        marker = p.places(missed, np.isin(p.labels.channel, [f"m{k}{axis}" for axis in "xyz"]))[seen]
+    for arc, marker in zip(p.robot.markers, p.points(missed)[1:, seen], strict=False):
         own = np.asarray(np.isfinite(marker).all(axis=1))
         if np.isfinite(marker).any():
             yield ("arc_length", float(arc), s.trial[own], marker[own], floor)

@@ -27,7 +27,7 @@ from model.errors import ModelError
 
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
-from ..data.campaign import tips
+from ..data.campaign import places
 from ..inference.discrepancy import settings, smooth_errors
 from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
@@ -73,7 +73,7 @@ class RivalForecast:
         """Tip (states, 3) and standard deviation of each coordinate, m; NaN where it is not measured."""
         states = int(self.row.max(initial=-1)) + 1
         spread = np.sqrt((self.factor**2).sum(axis=1))
-        return tips(states, self.row, self.channel, self.mean), tips(states, self.row, self.channel, spread)
+        return places(states, self.row, self.channel, self.mean), places(states, self.row, self.channel, spread)
 
 
 class Rivals:

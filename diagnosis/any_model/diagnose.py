@@ -55,7 +55,7 @@ MOST_PROPOSED, MOST_COMPARED = 5, 4
 """Rows or groups of the candidates that are proposed; hypotheses that they separate."""
 
 
-@one_thread
+@one_thread()
 def diagnose_model(
     predict: Predict,
     data: pd.DataFrame,

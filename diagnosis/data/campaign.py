@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from model.condition import States, conditions
 from model.robot import Robot
-from recordings.trials import Table
+from recordings.trials import TIP, Table
 
 from ..arrays import Array, Ints, Mask, rows_by, scattered
 
@@ -147,9 +148,9 @@ def kinds_of(channel: NDArray[np.str_]) -> Ints:
     return np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
 
 
-def tips(states: int, row: Ints, channel: NDArray[np.str_], values: Array) -> Array:
-    """(states, 3) the tip among values (n,), each of a state `row` and a channel; NaN where there is none."""
-    of_axes = [channel == axis for axis in "xyz"]
+def places(states: int, row: Ints, channel: NDArray[np.str_], values: Array, axes: Sequence[str] = TIP) -> Array:
+    """(states, 3) the tip, or the point of `axes`, among values (n,), each of a state `row` and a channel; NaN where none is."""
+    of_axes = [channel == axis for axis in axes]
     return np.column_stack([scattered((states,), row[own], values[own]) for own in of_axes])
 
 

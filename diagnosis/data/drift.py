@@ -17,7 +17,7 @@ from .. import judgement
 from ..arrays import Array, Ints, rms
 from ..findings import Finding, finding
 from .campaign import Campaign
-from .levels import FORCE_GAP, distinct, levels, loads
+from .levels import distinct, loads
 
 
 def drift(states: Campaign) -> Iterator[Finding]:
@@ -27,8 +27,7 @@ def drift(states: Campaign) -> Iterator[Finding]:
     count = len(trial)
     if count < judgement.DRIFT_TRIALS:
         return
-    forces = (levels(along_axis, FORCE_GAP) for along_axis in own.trials.tip_force.T)
-    setting = distinct(loads(own.trials), own.branch, *forces)
+    setting = distinct(loads(own.trials), own.branch)
     places = np.concatenate([own.tip[:, None], own.trials.markers], axis=1)
     u = np.linspace(0.0, 1.0, count)
     (moved, squares, left), rng = _fit(places, setting, u[order]), np.random.default_rng(0)

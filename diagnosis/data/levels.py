@@ -13,7 +13,8 @@ SPINE_GAP, PRESSURE_GAP, VACUUM_GAP = 3e-3, 3e3, 10e3
 """m, Pa, Pa: readings that differ by less were meant to be the same setting. Of pressures this is the most, see below."""
 MASS_GAP, FORCE_GAP, ROLL_GAP, RATE_GAP = 2e-3, 0.02, 1.0, 1e3
 """kg and N at the tip, degrees, Pa/s: the same."""
-LOADS = {"spine_length": SPINE_GAP, "tip_mass": MASS_GAP, "roll_deg": ROLL_GAP, "vacuum": VACUUM_GAP}
+LOADS = {"spine_length": SPINE_GAP, "tip_mass": MASS_GAP, "roll_deg": ROLL_GAP, "vacuum": VACUUM_GAP,
+         "force_x": FORCE_GAP, "force_y": FORCE_GAP, "force_z": FORCE_GAP}  # fmt: skip
 REST = 2e3
 """Pa up to which a robot is at rest, as zeros of sensors are not exact, unless a map says another number (`trials.below`)."""
 OF_RANGE, OF_SCATTER = 0.02, 3.0
@@ -45,7 +46,7 @@ def by_frequency(*columns: NDArray[np.generic]) -> Ints:
 
 
 def loads(states: Table) -> Ints:
-    """(n, 4) level of each state's spine length, mass, roll and vacuum: readings of one setting have one level."""
+    """(n, 7) level of each state's spine length, mass, roll, vacuum and forces: readings of one setting have one level."""
     return np.column_stack([levels(states.get(name, 0.0), gap) for name, gap in LOADS.items()])
 
 

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 A = TypeVar("A")
 B = TypeVar("B")
 RemoteMap = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
-P = ParamSpec("P")
 
 
-def one_thread(do: Callable[P, B]) -> Callable[P, B]:
-    """The same with one thread of linear algebra. Matrices are small here: several threads wait for each other longer than they
-    work, and take four times the processor time where they share a core."""
-
-    @wraps(do)
-    def alone(*args: P.args, **kwargs: P.kwargs) -> B:
-        with threadpool_limits(1, user_api="blas"):
-            return do(*args, **kwargs)
-
-    return alone
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread of linear algebra within. Matrices are small here: several threads wait for each other longer than they work,
+    and take four times the processor time where they share a core."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 Progress = Callable[[str, float], None]

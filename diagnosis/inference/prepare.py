@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,10 @@ from model.effects.scales import Scales
 from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
-from recordings.trials import marker_columns
+from recordings.trials import TIP, marker_columns
 
 from ..arrays import Array, Mask, scattered
-from ..data.campaign import Campaign, Labels, kinds_of
+from ..data.campaign import Campaign, Labels, kinds_of, places
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
@@ -99,16 +99,12 @@ class Prepared:
 
     def tip(self, values: Array) -> Array:
         """(states, 3) the tip's values of (n,) values; NaN where not measured."""
-        return self.places(values, self.labels.kind == 0)
-
-    def places(self, values: Array, own: Mask) -> Array:
-        """(states, 3) of those among values (n,) that are `own` (n,), of one point; NaN where not measured."""
-        return scattered((len(self.states), 3), (self.labels.state[own], self.labels.axis[own]), values[own])
+        return places(len(self.states), self.labels.state, self.labels.channel, values)
 
     def points(self, values: Array) -> Array:
         """(1 + k, states, 3) tip and markers of (n,) values; NaN where not measured."""
-        markers = (np.isin(self.labels.channel, axes) for axes in marker_columns(len(self.states.points) - 1))
-        return np.stack([self.tip(values), *(self.places(values, own) for own in markers)])
+        of_values = partial(places, len(self.states), self.labels.state, self.labels.channel, values)
+        return np.stack([of_values(axes) for axes in (TIP, *marker_columns(len(self.states.points) - 1))])
 
     def deflection(self, values: Array) -> Array:
         """(states,) m: forces among values (n,) as deflections of each specimen under them, NaN elsewhere."""

@@ -16,7 +16,7 @@ import numpy as np
 from diagnosis.arrays import rows_by
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of, finite
-from diagnosis.data.levels import FORCE_GAP, REST, SPINE_GAP, distinct, levels, loads
+from diagnosis.data.levels import REST, SPINE_GAP, distinct, levels, loads
 from diagnosis.data.plausible import FARTHEST
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -85,13 +85,11 @@ def jumps(states: Table, length: float, words: Words) -> Iterator[Jump]:
     lost = np.linalg.norm(places, axis=2) > FARTHEST * length
     if np.count_nonzero(lost.any(axis=1)) <= FEW * len(states):  # `strays` names these; their neighbours are right
         places[lost] = np.nan
-    pressures, forces = states.pressures, states.tip_force
-    load = loads(states)
-    same_force = CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
+    pressures, load = states.pressures, loads(states)
 
     def apart(a: Ints, b: Ints) -> tuple[Array, Array]:
         """m by which points (.., 1 + k) are apart in states of the same loads, else NaN, and Pa by which pressures are."""
-        alike = (load[a] == load[b]).all(axis=1) & (np.abs(forces[a] - forces[b]).max(axis=1) <= same_force)
+        alike = (load[a] == load[b]).all(axis=1)
         distance = np.linalg.norm(places[a] - places[b], axis=2)
         return np.where(alike[:, None], distance, np.nan), np.abs(pressures[a] - pressures[b]).max(axis=1)
 
@@ -262,8 +260,7 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
     those out of reach; and what to say of each; of two states, both. None where more than `FEW` of all states are so: the
     readings of that table are like that."""
     pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
-    forces = (levels(along_axis, FORCE_GAP) for along_axis in own.trials.tip_force.T)
-    setting = distinct(loads(own.trials), *pressures, *forces)
+    setting = distinct(loads(own.trials), *pressures)
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
         reach = np.linalg.norm(place, axis=1)
         seen, lost = np.flatnonzero(reach <= FARTHEST * length), np.flatnonzero(reach > FARTHEST * length)
