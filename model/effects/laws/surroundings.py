@@ -50,7 +50,7 @@ def _chamber_thrust(q: Quantities, v: Values) -> None:
 def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
     # m from the axis to the obstacle
-    q.plane_distance = np.maximum(OBSTACLE * q.robot.length + v["distance"], 0.0125 * q.robot.length)
+    q.plane_distance = OBSTACLE * q.robot.length + v["distance"]
     q.plane_direction = np.array(rolled(v["turn"], *q.plane_direction))
     q.plane_lever = q.plane_lever + v["lever"]
 
@@ -145,7 +145,7 @@ SPECS = (
         "< > positive part over L / 200",
         parameters=(
             Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
-            Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.03)),
+            Parameter("distance", "m", 0.025, -0.08, 0.2, role="shape", starts=(-0.03, 0.03)),
             Parameter("turn", "rad", 0.15, -1.25 * math.pi, 1.25 * math.pi, role="shape"),
             Parameter("lever", "m", 0.05, 0.0, 0.25, role="shape", starts=(0.03,)),
         ),
