@@ -151,6 +151,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
             *sentences.scatter(prepared, location.noise_floor_mm),
+            *sentences.ramps_assumed(edited.states, [options.catalogue[e] for e in causes.decision.effects], words),
             *sentences.against(named_sizes, causes.decision.effects, causes.stage_errors, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),
             *(finding("as_read", text=text) for text in case.table.warnings),

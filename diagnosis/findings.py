@@ -134,6 +134,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "repeats of a state scatter by {floor_mm:.2f} mm rms, the noise floor: {scatter}{worst}. Find out why before you "
             "trust a cause"
         ),
+        "ramps_assumed": (
+            "the times of {effect} rest on how fast the table's set-points change: it has no column {missing}; assumed: "
+            "{assumed}. State them, as in `constants: {{rate: 1 bar/s, hold: 5 s}}` of map.yaml"
+        ),
         "impossible_size": ("the fit gives {parameter} = {size}, which is physically impossible: evidence against this effect"),
         "stage_error": (
             "an additional free-form error in the {stage} that {varies} would gain {gain:.1f} in log evidence: the named cause "

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from model.actuators import Chambers, Words
+from model.condition import HOLD, RATE
+from model.effects.spec import EffectSpec
 from model.effects.tolerance import TRACKED_TURN
 from model.robot import Robot
 from model.rotation import from_vector
@@ -18,6 +20,7 @@ from recordings.trials import counted
 from .. import judgement
 from ..arrays import Array
 from ..criticism.stage_errors import StageError
+from ..data.campaign import Campaign
 from ..data.noise_components import PRESSURE
 from ..data.plausible import differ_by
 from ..findings import Finding, finding
@@ -271,7 +274,7 @@ def beyond_tolerance(p: Prepared, fit: Fit, moved: Mapping[int, float], robot: R
     unit = white / np.linalg.norm(white, axis=0)
     inflation = np.diag(np.linalg.inv(unit.T @ unit + np.finfo(float).eps * np.eye(len(moved))))
     alike = [number.values["name"] for number, factor in zip(numbers, inflation, strict=True) if factor > judgement.HARDLY_APART]
-    together = [finding("known_together", names=" and ".join(alike))] if alike else []
+    together = [finding("known_together", names=" and ".join(filter(None, (", ".join(alike[:-1]), alike[-1]))))] if alike else []
     return finding("beyond_tolerance", fit=name, numbers=[*numbers, *together])
 
 
@@ -306,6 +309,16 @@ def against(
         yield finding("impossible_size", parameter=with_id(x.name, names), size=f"{number:.3g} {unit}".rstrip())
     for e in errors[:2] if named else ():
         yield finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain)
+
+
+def ramps_assumed(states: Campaign, named: Sequence[EffectSpec], words: Words) -> Iterator[Finding]:
+    """A finding on the times of named effects if the table does not state how fast pressures change or how long they are held."""
+    usual = {"rate": f"{words.number(RATE)} {words.unit}/s", "hold": f"{HOLD:g} s"}
+    missing = [name for name in usual if not np.isfinite(states.trials.get(name)).any()]
+    for spec in named:
+        if missing and any(p.unit == "s" for p in spec.parameters):
+            assumed = " and ".join(f"{name} {usual[name]}" for name in missing)
+            yield finding("ramps_assumed", effect=spec.name(words), missing=" or ".join(missing), assumed=assumed)
 
 
 SCATTERS = {
@@ -485,8 +498,8 @@ def held_out(d: Diagnosis) -> str:
         return ""
     lost = f", {h.unsolved} more without equilibrium" if h.unsolved else ""
     errors = (
-        f"On the held-out campaign ({h.trials} trials, {h.states} states{lost}) the tip error is {h.before_mm:.2f} mm rms "
-        f"before, {h.after_mm:.2f} mm after"
+        f"On the held-out campaign ({counted(h.trials, 'trial')}, {counted(h.states, 'state')}{lost}) the tip error is "
+        f"{h.before_mm:.2f} mm rms before, {h.after_mm:.2f} mm after"
     )
     if not h.hypothesis:
         return f"{errors}; no effect is named, so none is tested."

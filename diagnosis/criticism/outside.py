@@ -91,9 +91,10 @@ def _promised(p: Prepared, forward: ForwardModel, c: Candidate) -> Iterator[tupl
 
 
 def log_weight_of(r: Related, effects: int) -> float:
-    """As `log_weight`: a catalogue of few effects makes no relative more probable."""
+    """As `log_weight`: a catalogue of few effects makes no relative more probable, and one that has no fit explains nothing."""
     named, of = (*r.beside, r.relative), max(effects, len(CATALOGUE))
-    return log_weight(named, r.log_evidence, of) if len(named) in judgement.PRIOR_OF_NUMBER else -math.inf
+    weighs = len(named) in judgement.PRIOR_OF_NUMBER and math.isfinite(r.log_evidence)
+    return log_weight(named, r.log_evidence, of) if weighs else -math.inf
 
 
 def fit_relative(p: Prepared, r: Related, start: Candidate, least_weight: float) -> tuple[Related, float]:

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info
 
 from diagnosis.answer.locate import _parts
 from diagnosis.answer.result import FACTORS, STAGES, Attribute, Diagnosis
-from diagnosis.answer.sentences import SCATTERS
+from diagnosis.answer.sentences import SCATTERS, ramps_assumed
 from diagnosis.data.noise_components import PRESSURE
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
@@ -169,6 +169,12 @@ def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
     found = diagnose(case, quick({name: CATALOGUE[name] for name in names})).attribute
     assert found.effects == ("pressure_lag",) and found.probability > 0.9
     assert found.ranking[0].parameters["pressure_lag.constant"].value == pytest.approx(2.0, abs=0.1)
+    bare, named = case.table.replaced({"rate": np.full(len(case.table), np.nan)}), [CATALOGUE[e] for e in (*names, "time_offset")]
+    told = [list(ramps_assumed(states(replace(case, table=t))[0], named, ROBOT.actuators.words)) for t in (case.table, bare)]
+    assert told[0] == [] and [f.values["effect"] for f in told[1]] == [
+        e.name(ROBOT.actuators.words) for e in (named[0], named[3])
+    ]
+    assert "it has no column rate; assumed: rate 25 kPa/s. State" in told[1][0].text
 
 
 def test_each_marker_has_its_own_readings_however_many_there_are() -> None:

@@ -61,6 +61,7 @@ def test_a_relative_as_good_as_what_is_named_is_rarer_by_its_prior_odds() -> Non
     better = Related("camera_scale", (), 100.0 + TEMPERATURE)
     assert odds((better,)) - LEAST == pytest.approx(np.e * (odds((SCALE,)) - LEAST))
     assert odds((Related("camera_scale", ("marker_offset",), 100.0),)) - LEAST < 0.05 * RELATIVE_ODDS
+    assert odds((SCALE, Related("lens", (), np.nan))) == odds((SCALE,))
 
 
 def test_free_forms_and_excess_scatter_of_repeats_raise_the_odds() -> None:
