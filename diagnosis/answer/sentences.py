@@ -471,9 +471,12 @@ def also_present(d: Diagnosis, name: Callable[[str], str], digits: int) -> str:
 
 def _odd(d: Diagnosis) -> str:
     trial, state = d.detail["misfit"]["outlier_trial"], d.detail["misfit"].get("outlier_state")
-    odd = d.attribute.verdict == "unknown" and trial is not None
+    if d.attribute.verdict != "unknown" or (trial is None and not state):
+        return ""
+    if trial is None:
+        return f"Check first {state} from the fit."
     begin = f", above all {state} from the fit" if state else ""
-    return f"Trial {trial} does not fit the others: check it first{begin}." if odd else ""
+    return f"Trial {trial} does not fit the others: check it first{begin}."
 
 
 def _pushed(d: Diagnosis) -> str:

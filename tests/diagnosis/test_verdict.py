@@ -238,6 +238,8 @@ def test_no_two_sentences_contradict(posterior: EffectPosterior, enough: bool, g
         assert ("moves the tip" in text) == named
         assert not (named and "not in the catalogue" in text)
         told = "check it first, above all trial 3 step 4, where marker 1 is 12 mm from the fit."
+        alone = statement(replace(found, detail={**found.detail, "misfit": {**misfit, "outlier_trial": None}}))
+        assert ("Check first trial 3 step 4, where marker 1 is 12 mm from the fit." in alone) == (told in text)
         assert (told in text) == (found.attribute.verdict == "unknown")
         assert ("9.00 mm" in text) == (not named and (share is None or share >= 0))
         if share is not None and share < 0:
