@@ -88,8 +88,14 @@ class Arrow:
 
     @cached_property
     def sparse_factors(self) -> Any:
-        """L and U of the sparse block."""
-        return _sparse_factors(self.local)
+        """L and U of the sparse block, which is positive definite; the diagonal raised as in `cholesky`."""
+        for share in ROUNDING:
+            raised = _with_more(self.local, share * self.local.diagonal()) if share else self.local
+            with suppress(RuntimeError):  # exactly singular
+                found = splu(raised, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+                if (found.U.diagonal() > 0).all():
+                    return found
+        raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
 
     def solved(self, values: Array) -> Array:
         """The sparse block's inverse times values (l, ..)."""
@@ -170,17 +176,6 @@ def cholesky(matrix: Array) -> Array:
     for share in ROUNDING:
         with suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.cholesky(matrix * (1 + share * np.eye(matrix.shape[-1])) if share else matrix))
-    raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
-
-
-def _sparse_factors(matrix: csc_array) -> Any:
-    """L and U of a sparse positive definite matrix; the diagonal raised as in `cholesky`."""
-    for share in ROUNDING:
-        raised = _with_more(matrix, share * matrix.diagonal()) if share else matrix
-        with suppress(RuntimeError):  # exactly singular
-            found = splu(raised, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-            if (found.U.diagonal() > 0).all():
-                return found
     raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
 
 
