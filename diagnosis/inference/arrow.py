@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.sparse import csc_array, csr_array, dia_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csc_array, dia_array
 from scipy.sparse.linalg import splu
 
 from model.prediction.box_minima import projected
@@ -148,27 +147,6 @@ class Factors:
         first = self._a.solved(local)
         half = solve_triangular(self.root, values[self._at] - self._across.T @ first, lower=True, check_finite=False)
         return np.asarray(local.T @ first + half.T @ half)
-
-    @cached_property
-    def _local_inverse(self) -> csr_array:
-        """(l, l) inverse of the sparse block, equally sparse: its unconnected parts are solved together."""
-        count = self._a.rest.size
-        number, part = connected_components(self._a.local, directed=False)
-        order = np.argsort(part, kind="stable")
-        begin = np.searchsorted(part[order], np.arange(number))
-        place = np.empty(count, np.int64)  # within its part
-        place[order] = np.arange(count) - begin[part[order]]
-        sizes = np.bincount(part, minlength=number)
-        unit = np.zeros((count, int(sizes.max(initial=0))))
-        unit[np.arange(count), place] = 1.0
-        solved = self._a.solved(unit)
-        row, column = np.nonzero(np.arange(unit.shape[1]) < sizes[part][:, None])
-        return csr_array((solved[row, column], (row, order[begin[part[row]] + column])), shape=(count, count))
-
-    def covariance(self, dense: Array, sparse: csr_array) -> Array:
-        """(r, r) X A^-1 X^T of rows X = [dense sparse], (r, s) in the order of `Arrow.at` and (r, l)."""
-        half = solve_triangular(self.root, (dense - sparse @ self._pulled).T, lower=True, check_finite=False)
-        return np.asarray(half.T @ half + (sparse @ self._local_inverse @ sparse.T).toarray())
 
 
 def cholesky(matrix: Array) -> Array:
