@@ -41,7 +41,7 @@ from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
 from .inference.posterior import hypothesis_prior
 from .inference.prepare import parts, prepare
 from .inference.problem import leading
-from .inference.reading_noise import DEFAULT_NOISE
+from .inference.reading_noise import USUAL
 from .inference.search import Search
 from .judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
 
@@ -265,7 +265,7 @@ def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int =
     columns_read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
     for name in "xyz":
         rows = observed.channel == name
-        columns_read[name][observed.row[rows]] = values[rows] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(rows.sum()))
+        columns_read[name][observed.row[rows]] = values[rows] + USUAL.channel["tip"] * rng.standard_normal(int(rows.sum()))
     n = len(design)
     return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **columns_read}))
 

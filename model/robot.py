@@ -236,11 +236,8 @@ class Robot(Shown, FileTable):
     def _fits_together(self) -> Robot:
         if (self.chambers is None) == (self.tendons is None):
             raise ValueError("a robot has either chambers or tendons: give one of these tables")
-        found = [
-            *self._body_problems(),
-            *self._length_problems(),
-            *problems(self.effects, self.tolerances, self.posterior, not isinstance(self.area_factor, dict)),
-        ]
+        found = self._own_problems()
+        found += problems(self.effects, self.tolerances, self.posterior, not isinstance(self.area_factor, dict))
         numbers = len(self.actuators.azimuths_deg) + 5
         if self.residual and (wrong := [len(row) for row in self.residual.learnt if len(row) != numbers]):
             found.append(f"residual.learnt: a state of {wrong[0]} numbers, must have {numbers} with {numbers - 5} pressures")
@@ -248,8 +245,8 @@ class Robot(Shown, FileTable):
             raise ValueError("; ".join(found))
         return self
 
-    def _body_problems(self) -> list[str]:
-        """One line for each contradiction between sections, radii, densities and actuators."""
+    def _own_problems(self) -> list[str]:
+        """One line for each contradiction between sections, radii, densities, actuators and lengths."""
         kind = "chambers" if self.tendons is None else "tendons"
         actuators, count = self.actuators, len(self.actuators.azimuths_deg)
         radii = {
@@ -271,18 +268,16 @@ class Robot(Shown, FileTable):
         if most <= 2 * math.pi and most != round(most):
             problems.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
         beyond = [s for s in actuators.ends if s > self.length * (1 + 1e-9)]
-        return [*problems, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
-
-    def _length_problems(self) -> list[str]:
-        found = [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length]
+        problems += [f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond]
+        problems += [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length]
         tables: dict[str, Mapping[float, float]] = {"spine.modulus": self.spine.modulus if self.spine else {}}
         if isinstance(self.area_factor, dict):
             tables["area_factor"] = self.area_factor
             if not self.area_factor:
-                found.append("area_factor: the table is empty, give a number or at least one spine length")
+                problems.append("area_factor: the table is empty, give a number or at least one spine length")
         for field, table in tables.items():
-            found += [f"{field}: spine length {s:g} m is beyond length {self.length:g} m" for s in table if s > self.length]
-        return found
+            problems += [f"{field}: spine length {s:g} m is beyond length {self.length:g} m" for s in table if s > self.length]
+        return problems
 
     def area_factor_at(self, spine_length: ArrayLike) -> Array:
         """A_effect / A_norm at spine length (m): linear between table entries, constant beyond them.

@@ -34,7 +34,7 @@ class Gaussian:
         """Squared Mahalanobis distance of some values from their prediction by all others, and their number."""
         x, left = self._x.rows(own), self.residual[own]
         # The block of the inverse covariance, I - x (I + X^T X)^-1 x^T, is the inverse covariance of the prediction's error.
-        block = np.eye(len(left)) - self._factors.covariance(x.dense, x.sparse)
+        block = np.eye(len(left)) - self._factors.quadratic(x.whole.T)
         return float(left @ np.linalg.solve(block, left)), len(left)
 
     def covariance(self, of_effect: Mask, chosen: Ints) -> Array:

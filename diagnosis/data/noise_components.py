@@ -64,11 +64,11 @@ class NoiseComponents:
     """Kind of channel -> unit of the channel."""
     pressure: float
     """Pa."""
-    trial: Mapping[str, float]
+    trial: Mapping[str, float] = field(default_factory=dict)
     """Component -> its unit."""
-    rest: float
+    rest: float = 1.0
     """White noise of states read at rest, as a factor on that of states read while ramping."""
-    contrasts: int
+    contrasts: int = 0
     """Independent differences between repeats behind the estimate; 0: defaults, nothing was repeated."""
     excess: Mapping[str, float] = field(default_factory=dict)
     """Component of the trials, and `pressure` -> its standard deviation as a factor on the default."""

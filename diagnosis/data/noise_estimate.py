@@ -185,7 +185,7 @@ class Loss:
         gradient[g + 2 : self.sds] = [spread[own].sum() - (along[own] ** 2).sum() for own in self._named]
         information, shared = np.zeros((len(x), len(x))), np.zeros((len(scale), len(x)))
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
-            changes = self._changes(p.changes(a, noise), u, np.where(self._named[:, p.at], along[p.at], 0.0))
+            changes = self._changes(p.changes(s, a, noise), u, np.where(self._named[:, p.at], along[p.at], 0.0))
             information += changes.T @ s.solve(changes)
             shared[p.at] += s.columns.T @ changes
         information -= shared.T @ cho_solve(factor, shared)
@@ -219,6 +219,10 @@ class _Solved:
     value: Array
     columns: Array
     log_det: float
+    lasting: Array
+    """(k, k) covariance of contrasts of what lasts, of variance one."""
+    grown: Array
+    """(k, k) its derivative by the logarithm of the memory."""
 
 
 @dataclass(frozen=True)
@@ -249,21 +253,12 @@ class _Part:
         weight = contrast**2
         self._resting = weight @ data.resting
         self._response = np.einsum("kn,ncr->ckr", weight, data.pressure_response)
-        self._kept = (np.nan, np.zeros(0), np.zeros(0))
-
-    def _lasting(self, memory: float) -> tuple[Array, Array]:
-        """(k, k) covariance of contrasts of what lasts, of variance one, and its derivative by the logarithm of the memory."""
-        if self._kept[0] != memory:
-            ratio = self._apart / memory
-            kept = np.exp(-ratio)
-            grown = np.where(np.isfinite(ratio), ratio, 0.0) * kept
-            a = self._contrast
-            self._kept = (memory, a @ kept @ a.T, a @ grown @ a.T)
-        return self._kept[1], self._kept[2]
 
     def solved(self, noise: NoiseComponents, columns: Array) -> _Solved:
         """B^-1 (see the top of the file) of the contrasts and of columns (k c, u), and half the log determinant of B."""
-        lasting, _ = self._lasting(noise.memory)
+        ratio, a = self._apart / noise.memory, self._contrast
+        kept = np.exp(-ratio)
+        lasting, grown = (a @ of_states @ a.T for of_states in (kept, np.where(np.isfinite(ratio), ratio, 0.0) * kept))
         (c, k, r), share, white = self._response.shape, noise.lasting.get(PRESSURE, 0.0), self._white(noise)
         shares = {kind: noise.lasting.get(kind, 0.0) for kind in self._kinds}
         by_kind = {k: _inverse(noise.channel[k] ** 2 * (s * lasting + (1 - s) * np.diag(white))) for k, s in shares.items()}
@@ -284,7 +279,7 @@ class _Part:
         shared = (together - together @ middle @ together).reshape(k, r, k, r)
         return _Solved(
             solve, apart - (spread @ middle) @ spread.swapaxes(1, 2), np.einsum("krlr->kl", shared), solved[:, 0], solved[:, 1:],
-            sum(by_kind[kind][1] for kind in self._kinds) + log_det,
+            sum(by_kind[kind][1] for kind in self._kinds) + log_det, lasting, grown,
         )  # fmt: skip
 
     def _gathered(self, values: Array) -> Array:
@@ -297,21 +292,20 @@ class _Part:
 
     def gradient(self, solved: _Solved, left: Array, right: Array, noise: NoiseComponents) -> _ByParameter:
         """tr((B^-1 - left right^T) dB) / 2 for each parameter; `left` and `right` are columns (k c, u)."""
-        lasting, grown = self._lasting(noise.memory)
         (c, k, r), white = self._response.shape, self._white(noise)
         left, right = (x.reshape(k, c, -1).swapaxes(0, 1) for x in (left, right))
         half = 0.5 * (solved.own - left @ right.swapaxes(1, 2))
         diagonal = np.einsum("ckk->ck", half)
         by_left, by_right = (self._gathered(x).reshape(k, r, -1) for x in (left, right))
         shared = 0.5 * (solved.shared - np.einsum("kru,lru->kl", by_left, by_right, optimize=True))
-        by_lasting, by_growth = ((half * own).sum(axis=(1, 2)) for own in (lasting, grown))
+        by_lasting, by_growth = ((half * own).sum(axis=(1, 2)) for own in (solved.lasting, solved.grown))
         by_channel = by_lasting, diagonal @ white, by_growth, diagonal @ self._resting
-        by_regulators = np.trace(shared), (shared * lasting).sum(), (shared * grown).sum()
+        by_regulators = np.trace(shared), (shared * solved.lasting).sum(), (shared * solved.grown).sum()
         return self._by_parameter(by_channel, by_regulators, noise, lambda of_channels: of_channels.sum())
 
-    def changes(self, values: Array, noise: NoiseComponents) -> _ByParameter:
+    def changes(self, solved: _Solved, values: Array, noise: NoiseComponents) -> _ByParameter:
         """dB of each parameter, applied to values (k c,)."""
-        lasting, grown = self._lasting(noise.memory)
+        lasting, grown = solved.lasting, solved.grown
         c, k, r = self._response.shape
         a = values.reshape(k, c)
         at_once = self._gathered(a.T[..., None]).reshape(k, r)

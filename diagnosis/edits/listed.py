@@ -199,7 +199,8 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
             yield Edit("unit", 0.01, says, times(factor, "tip", "markers"), enlarges=factor)
     for trial in _steps(sample, near.missed[: len(seen)]):
         share = 0.03 / len(np.unique(sample.table.trial))
-        moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3
+        moved = partial(lambda trial, v, own: v.moved(-own[:, None] * (v.table.trial >= trial)[:, None]), trial)
+        bound = ((-0.3 * robot.length, 0.3 * robot.length),) * 3
         yield Edit("step", share, partial(_step_says, trial), moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
 
 
@@ -226,21 +227,13 @@ def _steps(sample: Sample, missed: Array) -> list[int]:
     """Numbers of the trials from which on tips are most elsewhere than the repeats before: two at most."""
     trials = np.unique(sample.table.trial)
     count = np.bincount(sample.condition)
-
-    def centred(values: Array) -> Array:
-        return np.asarray(values - (np.bincount(sample.condition, values) / count)[sample.condition])
-
-    rest = np.stack([centred(axis) for axis in missed.T], axis=1)
     explained = []
     for trial in trials[1:]:
-        late = centred((sample.table.trial >= trial).astype(float))
-        explained.append(float(((late @ rest) ** 2).sum() / (late @ late)) if late @ late > 0.1 else 0.0)
+        late = (sample.table.trial >= trial).astype(float)
+        late -= (np.bincount(sample.condition, late) / count)[sample.condition]  # from the mean of its condition
+        explained.append(float(((late @ missed) ** 2).sum() / (late @ late)) if late @ late > 0.1 else 0.0)
     order = np.argsort(explained)[::-1][:2]
     return [int(trials[1:][k]) for k in order if explained[k] > 0]
-
-
-def _step(trial: int, v: Variants, own: Array) -> Variants:
-    return v.moved(-own[:, None] * (v.table.trial >= trial)[:, None])
 
 
 def _step_says(trial: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.sparse import csc_array, csr_array, dia_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csc_array, dia_array
 from scipy.sparse.linalg import splu
 
 from model.prediction.box_minima import projected
@@ -88,8 +87,14 @@ class Arrow:
 
     @cached_property
     def sparse_factors(self) -> Any:
-        """L and U of the sparse block."""
-        return _sparse_factors(self.local)
+        """L and U of the sparse block, which is positive definite; the diagonal raised as in `cholesky`."""
+        for share in ROUNDING:
+            raised = _with_more(self.local, share * self.local.diagonal()) if share else self.local
+            with suppress(RuntimeError):  # exactly singular
+                found = splu(raised, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+                if (found.U.diagonal() > 0).all():
+                    return found
+        raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
 
     def solved(self, values: Array) -> Array:
         """The sparse block's inverse times values (l, ..)."""
@@ -143,44 +148,12 @@ class Factors:
         half = solve_triangular(self.root, values[self._at] - self._across.T @ first, lower=True, check_finite=False)
         return np.asarray(local.T @ first + half.T @ half)
 
-    @cached_property
-    def _local_inverse(self) -> csr_array:
-        """(l, l) inverse of the sparse block, equally sparse: its unconnected parts are solved together."""
-        count = self._a.rest.size
-        number, part = connected_components(self._a.local, directed=False)
-        order = np.argsort(part, kind="stable")
-        begin = np.searchsorted(part[order], np.arange(number))
-        place = np.empty(count, np.int64)  # within its part
-        place[order] = np.arange(count) - begin[part[order]]
-        sizes = np.bincount(part, minlength=number)
-        unit = np.zeros((count, int(sizes.max(initial=0))))
-        unit[np.arange(count), place] = 1.0
-        solved = self._a.solved(unit)
-        row, column = np.nonzero(np.arange(unit.shape[1]) < sizes[part][:, None])
-        return csr_array((solved[row, column], (row, order[begin[part[row]] + column])), shape=(count, count))
-
-    def covariance(self, dense: Array, sparse: csr_array) -> Array:
-        """(r, r) X A^-1 X^T of rows X = [dense sparse], (r, s) in the order of `Arrow.at` and (r, l)."""
-        half = solve_triangular(self.root, (dense - sparse @ self._pulled).T, lower=True, check_finite=False)
-        return np.asarray(half.T @ half + (sparse @ self._local_inverse @ sparse.T).toarray())
-
 
 def cholesky(matrix: Array) -> Array:
     """Lower Cholesky factors (..., n, n); the diagonal is raised by the smallest sufficient share in `ROUNDING`."""
     for share in ROUNDING:
         with suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.cholesky(matrix * (1 + share * np.eye(matrix.shape[-1])) if share else matrix))
-    raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
-
-
-def _sparse_factors(matrix: csc_array) -> Any:
-    """L and U of a sparse positive definite matrix; the diagonal raised as in `cholesky`."""
-    for share in ROUNDING:
-        raised = _with_more(matrix, share * matrix.diagonal()) if share else matrix
-        with suppress(RuntimeError):  # exactly singular
-            found = splu(raised, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-            if (found.U.diagonal() > 0).all():
-                return found
     raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
 
 

@@ -100,17 +100,13 @@ def shares(candidates: Sequence[Candidate], effects: int) -> Array:
 
 def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:
     """Probabilities within a catalogue of `effects` effects."""
-    share = shares(candidates, effects)
-    order = np.argsort(-share, kind="stable")
-    return EffectPosterior(
-        ranking=tuple((candidates[i].named, float(share[i])) for i in order), candidates={c.named: c for c in candidates}
-    )
+    by_name = {c.named: c for c in candidates}
+    ranking = zip((c.named for c in candidates), shares(candidates, effects).tolist(), strict=True)
+    return EffectPosterior(tuple(sorted(ranking, key=lambda entry: -entry[1])), by_name)
 
 
 def with_unknown(known: EffectPosterior, unknown: Candidate, odds: float) -> EffectPosterior:
     """The same with a cause outside the catalogue beside it, with its odds against all that are known."""
     probability = odds / (1 + odds)
     ranking = [*((named, p * (1 - probability)) for named, p in known.ranking), (UNKNOWN, probability)]
-    return EffectPosterior(
-        ranking=tuple(sorted(ranking, key=lambda entry: -entry[1])), candidates={**known.candidates, UNKNOWN: unknown}
-    )
+    return EffectPosterior(tuple(sorted(ranking, key=lambda entry: -entry[1])), {**known.candidates, UNKNOWN: unknown})

@@ -116,9 +116,7 @@ class Prepared:
         """(states, 3) m where the gap is looked for: tips, or, of stiffness trials alone, the deflection along x."""
         if not self.pushes_only:
             return self.tip(values)
-        out = np.zeros((len(self.states), 3))
-        out[:, 0] = self.deflection(values)
-        return out
+        return np.pad(self.deflection(values)[:, None], ((0, 0), (0, 2)))
 
 
 def prepare(
@@ -225,15 +223,12 @@ def _face_obstacle(forward: ForwardModel, states: Campaign, labels: Labels, obse
 
 def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:
     """The tips of a campaign, and the forces of its stiffness trials."""
-    labels, found = prepared.labels, []
-    tips, pushes = (np.flatnonzero(labels.kind == k) for k in (0, 3))
-    if tips.size:
-        found.append(BudgetPart(tips, np.ones(len(tips)), prepared.noise_floor, len(np.unique(labels.state[tips]))))
-    if pushes.size and prepared.pushes is not None:
-        stiffness = prepared.pushes.stiffness[labels.state[pushes]]
-        count = len(np.unique(labels.state[pushes]))
-        found.append(BudgetPart(pushes, 1 / stiffness, prepared.pushes.noise_floor, count))
-    return tuple(found)
+    state, pushes = prepared.labels.state, prepared.pushes
+    of_tips, of_pushes = (np.flatnonzero(prepared.labels.kind == k) for k in (0, 3))
+    found = [(of_tips, np.ones(len(of_tips)), prepared.noise_floor)]
+    if pushes is not None:
+        found.append((of_pushes, 1 / pushes.stiffness[state[of_pushes]], pushes.noise_floor))
+    return tuple(BudgetPart(rows, unit, floor, len(np.unique(state[rows]))) for rows, unit, floor in found if rows.size)
 
 
 def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:

@@ -66,40 +66,37 @@ class CopiedForward(FitForward, Protocol):
         """Predicted values (n,), their derivatives (s, n) by the copies that they take, and the columns (s, n) of these."""
 
 
+@dataclass(frozen=True, eq=False)
 class MaskedForward:
     """A forward model of those values alone that a mask (n,) keeps."""
 
-    def __init__(self, forward: FitForward, kept: Mask) -> None:
-        self._forward, self._kept = forward, kept
+    forward: FitForward
+    kept: Mask
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """The predicted values kept, NaN where the rod has no equilibrium; `trial` and `whole` as in `FitForward.predict`."""
         try:
-            return self._forward.predict(theta, trial, whole)[self._kept]
+            return self.forward.predict(theta, trial, whole)[self.kept]
         except np.linalg.LinAlgError:
             # A step so far off that the rod cannot be solved counts as no equilibrium.
-            return np.full(int(self._kept.sum()), np.nan)
+            return np.full(int(self.kept.sum()), np.nan)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """The same, and their derivatives."""
-        predicted, slope = self._forward.linearise(theta, columns)
-        return predicted[self._kept], slope[self._kept]
-
-    def derivatives(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Columns]:
-        """The same without the zeros."""
-        predicted, slope = derivatives(self._forward, theta, columns)
-        return predicted[self._kept], slope.rows(self._kept)
+        predicted, slope = self.forward.linearise(theta, columns)
+        return predicted[self.kept], slope[self.kept]
 
     def near(self, theta: Array) -> MaskedForward:
         """The same, accelerated close to parameters (k,)."""
-        return MaskedForward(self._forward.near(theta), self._kept)
+        return replace(self, forward=self.forward.near(theta))
 
 
 def derivatives(forward: FitForward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Columns]:
     """As the forward model's, without the zeros of parameters that few values depend on; where there is no derivative (next to a
     snap-through) it is 0."""
     if isinstance(forward, MaskedForward):
-        return forward.derivatives(theta, columns)
+        predicted, of_all = derivatives(forward.forward, theta, columns)
+        return predicted[forward.kept], of_all.rows(forward.kept)
     if isinstance(forward, CopiedForward):
         predicted, slope, column = forward.slopes(theta, columns)
         count = len(theta) if columns is None else len(columns)

@@ -30,28 +30,22 @@ from .jacobian import Columns
 from .problem import FitParameters
 
 KINDS = ("tip", "turn", "marker", "force")
-DEFAULT_NOISE = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
-"""Default white noise of a reading: m, rad, m."""
-DEFAULT_PRESSURE_NOISE = 500.0
-"""Pa."""
 VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 LONGEST_BLOCK = 40
 """Largest number of states of a trial with correlated errors."""
 MOST_TELLING, MOST_REPEATS = 3000, 12
 """States, and repeats of each of their conditions, from which the noise is estimated in larger campaigns."""
-USUAL = NoiseComponents(DEFAULT_NOISE, DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
-"""Of cameras and regulators as usual."""
+USUAL = NoiseComponents({"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}, pressure=500.0)
+"""Of cameras (white noise of a reading: m, rad, m) and regulators as usual."""
+USUAL_PUSHES = NoiseComponents({"force": 0.03}, pressure=0.02e-3)
+"""N, white noise of an averaged reading, and m, how well an arm repeats a small step."""
 OFFSET = "pressure_offset.offset"
 """The parameter that changes readings as an error of the pressure does."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 PUSH_SOURCES = ("touch", "zero")
 """Parameters of each stiffness trial besides its spine's."""
-DEFAULT_FORCE_NOISE = 0.03
-"""N, white noise of an averaged reading."""
-DEFAULT_DEFLECTION_NOISE = 0.02e-3
-"""m, how well an arm repeats a small step."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +102,7 @@ def stiffness_trials(
         np.zeros(len(rows)),
     )
     default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
-    noise = estimate_noise(data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0))
+    noise = estimate_noise(data, replace(USUAL_PUSHES, trial=default))
     reading_sd = np.hypot(noise.channel["force"], noise.pressure * stiffness)
     total_sd = np.sqrt(reading_sd**2 + sum((noise.trial[k] * by_source[k]) ** 2 for k in by_source))
     from_repeats = reading_rms(replace(data, residual=data.residual / stiffness[:, None]), np.ones(1, bool))
