@@ -60,20 +60,16 @@ def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
     row = np.concatenate([of_robot, of_trials])
     none = np.zeros(len(row), np.int64)
     s = Campaign(table.take(row), row, none, none, pressure_gap(table.take(of_robot)))
-    own, pushed = s.take(~s.pushed), s.take(s.pushed)
-    kind = _behind(_kinds(own), _kinds_of_pushes(pushed.trials))
-    condition = _conditions(replace(own, kind=kind[: len(own)]))
-    return replace(s, kind=kind, condition=_behind(condition, _conditions_of_pushes(pushed)))
+    # states of the robot and pushes come one behind the other, and share no number
+    kinds = np.concatenate([_kinds(s.take(~s.pushed)), _kinds_of_pushes(s.trials.take(s.pushed))])
+    s = replace(s, kind=distinct(s.pushed, kinds))
+    found = np.concatenate([_conditions(s.take(~s.pushed)), _conditions_of_pushes(s.take(s.pushed))])
+    return replace(s, condition=distinct(s.pushed, found))
 
 
 def finite(trials: Table) -> Mask:
     """(n,) states whose tip, spine length and pressures are all numbers."""
     return np.asarray(np.isfinite(np.column_stack([trials.tip, trials.spine_length, trials.pressures])).all(axis=1))
-
-
-def _behind(first: Ints, second: Ints) -> Ints:
-    """Numbers (n,), then the numbers (m,) of others, raised so that none occurs in both."""
-    return np.concatenate([first, second + first.max(initial=-1) + 1])
 
 
 def _conditions(s: Campaign) -> Ints:
@@ -178,7 +174,7 @@ def _kinds_of_pushes(given: Table) -> Ints:
 
 def _conditions_of_pushes(s: Campaign) -> Ints:
     """Number of each state's condition: kind, spine length, branch and step of deflection."""
-    same = distinct(_kinds_of_pushes(s.trials), levels(s.spine_length, gaps.SPINE_GAP), -s.branch.astype(np.int64))
+    same = distinct(s.kind, levels(s.spine_length, gaps.SPINE_GAP), -s.branch.astype(np.int64))
     level = np.zeros(len(s), np.int64)
     for own in rows_by(same):
         level[own] = levels(s.deflection[own], step_gap(s.deflection[own], s.trial[own]))

@@ -171,7 +171,10 @@ def prepare(
     smooth = smooth_errors(where, labels.state, labels.channel, unit, robot.length)
     if pushes is not None:
         smooth = replace(smooth, size=smooth.size * np.where(labels.kind == 3, pushes.unit[labels.state], 1.0))
-    sd, turn = _prior_sd(forward.parameters, floor, pushes), f"{OBSTACLE}.turn"
+    # of trials what their repeats show, of all others what the effect declares
+    shown = [pushes.noise_components if pushes is not None and p.name in pushes.names else floor for p in made.infos]
+    sd = np.array([of.trial.get(p.source, p.sd) for of, p in zip(shown, made.infos, strict=True)])
+    turn = f"{OBSTACLE}.turn"
     if robot.obstacle_azimuth_deg is None and turn in made.names and OBSTACLE not in robot.effects:
         left, at = made.beyond_calibration(missed[:, None], slope)[:, 0], made.names.index(turn)
         sd[at] = _face_obstacle(forward, states, labels, observed[kept], left, float(sd[at]))
@@ -270,9 +273,3 @@ def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: floa
     carried = np.sqrt((left**2).sum(axis=0) / len(np.unique(labels.state[tips])))
     out[own] = np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY))
     return tuple(np.maximum(out, [p.least / p.sd for p in made.infos]).tolist())
-
-
-def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:
-    """(k,) prior sd in each parameter's unit: of trials what their repeats show, of all others what the effect declares."""
-    of = [pushes.noise_components if pushes is not None and p.name in pushes.names else floor for p in infos]
-    return np.array([components.trial.get(p.source, p.sd) for components, p in zip(of, infos, strict=True)])
