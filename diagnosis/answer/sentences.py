@@ -471,12 +471,10 @@ def also_present(d: Diagnosis, name: Callable[[str], str], digits: int) -> str:
 
 def _odd(d: Diagnosis) -> str:
     trial, state = d.detail["misfit"]["outlier_trial"], d.detail["misfit"].get("outlier_state")
-    if d.attribute.verdict != "unknown" or (trial is None and not state):
+    if d.attribute.verdict != "unknown" or not state:
         return ""
-    if trial is None:
-        return f"Check first {state} from the fit."
-    begin = f", above all {state} from the fit" if state else ""
-    return f"Trial {trial} does not fit the others: check it first{begin}."
+    begin = "Check first" if trial is None else f"Trial {trial} does not fit the others: check it first, above all"
+    return f"{begin} {state} from the fit."
 
 
 def _pushed(d: Diagnosis) -> str:

@@ -60,8 +60,10 @@ def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
     row = np.concatenate([of_robot, of_trials])
     none = np.zeros(len(row), np.int64)
     s = Campaign(table.take(row), row, none, none, pressure_gap(table.take(of_robot)))
-    # states of the robot and pushes come one behind the other, and share no number
-    kinds = np.concatenate([_kinds(s.take(~s.pushed)), _kinds_of_pushes(s.trials.take(s.pushed))])
+    # states of the robot and pushes, by specimen and vacuum, come one behind the other, and share no number
+    pushes = s.trials.take(s.pushed)
+    of_pushes = by_frequency(of_body(pushes).astype(np.int64), levels(pushes.get("vacuum", 0.0), gaps.VACUUM_GAP))
+    kinds = np.concatenate([_kinds(s.take(~s.pushed)), of_pushes])
     s = replace(s, kind=distinct(s.pushed, kinds))
     found = np.concatenate([_conditions(s.take(~s.pushed)), _conditions_of_pushes(s.take(s.pushed))])
     return replace(s, condition=distinct(s.pushed, found))
@@ -165,11 +167,6 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
             yield finding("deflections_not_repeated", how=how)
         if len(np.unique(levels(pushes.spine_length, gaps.SPINE_GAP))) < 2:
             yield finding("one_stiffness_length")
-
-
-def _kinds_of_pushes(given: Table) -> Ints:
-    """Number of each state's kind of experiment, specimen and vacuum; 0 for most."""
-    return by_frequency(of_body(given).astype(np.int64), levels(given.get("vacuum", 0.0), gaps.VACUUM_GAP))
 
 
 def _conditions_of_pushes(s: Campaign) -> Ints:

@@ -61,9 +61,11 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     other_effects = tuple(e for e in BESIDE if e in parameters.ids)
 
     def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, dict[str, float]]:
-        """rms (m) of the tip with these effects free, and the parameters fitted."""
+        """rms (mm) of the tip with these effects free, and the parameters fitted."""
         best = fit(p.problem, parameters.prior_of(named), FIT_DISCREPANCY_SIZE, start, ROUNDS)
-        return rms(p.gap(p.problem.observed - best.predicted)), dict(zip(parameters.names, best.theta.tolist(), strict=True))
+        return 1e3 * rms(p.gap(p.problem.observed - best.predicted)), dict(
+            zip(parameters.names, best.theta.tolist(), strict=True)
+        )
 
     cap, on_cap = fitted(other_effects, np.zeros_like(parameters.sd))
     start = np.array([float(name == f"{THRUST}.share") for name in parameters.names])
@@ -74,7 +76,6 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     shapes = {name: found[f"{THRUST}.{name}"] for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    words, walls_mm, cap_mm = robot.actuators.words, 1e3 * walls, 1e3 * cap
     if settled:
-        return with_walls, finding("thrust_settled", words, walls_mm=walls_mm, cap_mm=cap_mm)
-    return with_walls, finding("thrust_likely", words, walls_mm=walls_mm, cap_mm=cap_mm)
+        return with_walls, finding("thrust_settled", robot.actuators.words, walls_mm=walls, cap_mm=cap)
+    return with_walls, finding("thrust_likely", robot.actuators.words, walls_mm=walls, cap_mm=cap)
