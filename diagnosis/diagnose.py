@@ -123,9 +123,9 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
-    of_table = (*(f for f in findings if f.code == "shifted"), *drift(edited.states.take(~edited.states.pushed)))
-    assumed = (settled,) if settled is not None and settled.severity == "critical" else ()
-    unsettled = (*far, *edited.changes, *tense, *of_table, *assumed)
+    first = [f for f in (*findings, settled) if f is not None and f.code in ("shifted", "thrust_likely")]
+    first += drift(edited.states.take(~edited.states.pushed))
+    unsettled = (*far, *edited.changes, *tense, *first)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
@@ -142,9 +142,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         next_experiment=proposals,
         findings=(
             *edited.concerns,
-            *of_table,
-            *(f for f in findings if f not in of_table),
-            *([settled] if settled is not None else ()),
+            *first,
+            *(f for f in (*findings, settled) if f is not None and f not in first),
             *reasons,
             *far,
             *sentences.to_look_at(prepared, {size.name: size for size in named_sizes}),
@@ -170,7 +169,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
     if edited.with_order:
         section = verdict.beside(section, ORDER, edited.robot)
-    if settled is not None and not assumed and section.verdict == "none":
+    if settled is not None and settled not in first and section.verdict == "none":
         section, text = verdict.beside(section, THRUST, edited.robot), f"{settled}. Beyond that: {text}"
     answer = replace(answer, statement=text, attribute=section)
     changed = edited.named or sentences.changed_by(answer)

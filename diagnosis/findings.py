@@ -135,8 +135,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "trust a cause"
         ),
         "ramps_assumed": (
-            "the times of {effect} rest on how fast the table's set-points change: it has no column {missing}; assumed: "
-            "{assumed}. State them, as in `constants: {{rate: 1 bar/s, hold: 5 s}}` of map.yaml"
+            "the times of {effect} rest on how fast set-points change, which the table does not state; assumed: {assumed}. "
+            "State it, as in `constants: {{rate: 1 bar/s, hold: 5 s}}` of map.yaml"
         ),
         "impossible_size": ("the fit gives {parameter} = {size}, which is physically impossible: evidence against this effect"),
         "stage_error": (

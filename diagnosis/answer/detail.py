@@ -29,12 +29,11 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Mapping[str, Arra
     models = {"calibrated": p.common(f.calibrated.theta), "explained": p.common(f.best.fit.theta)}
     predicted = {name: p.problem.forward.predict(theta) for name, theta in models.items()}
     named_sizes = f.sizes(f.best, fitted)
-    odd = p.states.trial if f.outlier_trial is None else np.array([f.outlier_trial])
     section: dict[str, Any] = {
         "misfit": {
             "excess_scatter": p.noise_components.excess_scatter,
             "outlier_trial": f.outlier_trial,
-            "outlier_state": p.states.farthest(p.points(predicted["explained"]), np.isin(p.states.trial, odd)),
+            "outlier_state": p.states.farthest(p.points(predicted["explained"]), f.outlier_trial),
             "law_error_gain": f.best.weighed.law_error_gain,
         },
         "best_hypothesis": list(f.best.named),

@@ -184,12 +184,10 @@ def headline(
 
 def concentrated(c: Concentrated, words: Words) -> str:
     """Where the gap is, after "the gap is"."""
-    when = {
-        "trial": f"{'after' if c.above else 'up to'} trial {c.limit:.0f}",
-        "branch": f"on the way {'up' if c.above else 'down'}",
-    }
-    if c.factor in when:
-        return when[c.factor]
+    if c.factor == "trial":
+        return f"{'after' if c.above else 'up to'} trial {c.limit:.0f}"
+    if c.factor == "branch":
+        return f"on the way {'up' if c.above else 'down'}"
     loads = {"spine_length": ("the spine's length", "m"), "tip_mass": ("the mass at the tip", "kg")}
     name, unit = loads.get(c.factor, (f"the {words.pressure} of {words.actuator} {c.factor[1:]}", "Pa"))
     number, unit = for_people(c.limit, unit, words)

@@ -314,11 +314,10 @@ def against(
 def ramps_assumed(states: Campaign, named: Sequence[EffectSpec], words: Words) -> Iterator[Finding]:
     """A finding on the times of named effects if the table does not state how fast pressures change or how long they are held."""
     usual = {"rate": f"{words.number(RATE)} {words.unit}/s", "hold": f"{HOLD:g} s"}
-    missing = [name for name in usual if not np.isfinite(states.trials.get(name)).any()]
+    assumed = " and ".join(f"{k} {value}" for k, value in usual.items() if not np.isfinite(states.trials.get(k)).any())
     for spec in named:
-        if missing and any(p.unit == "s" for p in spec.parameters):
-            assumed = " and ".join(f"{name} {usual[name]}" for name in missing)
-            yield finding("ramps_assumed", effect=spec.name(words), missing=" or ".join(missing), assumed=assumed)
+        if assumed and any(p.unit == "s" for p in spec.parameters):
+            yield finding("ramps_assumed", effect=spec.name(words), assumed=assumed)
 
 
 SCATTERS = {
@@ -342,7 +341,7 @@ def scatter(p: Prepared, floor_mm: float) -> Iterator[Finding]:
             at_least = "at least " * (factor > 0.99 * judgement.COMPONENT_RANGE)  # the limit of the fit
             each.append(f"{words.fill(SCATTERS[name], f'{at_least}{amount}')}, {at_least}{factor:.2g} times as much as usual")
     if each:
-        state = p.states.farthest(p.states.repeated, ~p.states.pushed)
+        state = p.states.farthest(p.states.repeated)
         worst = f". Farthest off is {state} from its repeats at the same {words.pressures}" if state else ""
         yield finding("scatter_of_repeats", words, floor_mm=floor_mm, scatter=each, worst=worst)
 

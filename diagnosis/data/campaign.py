@@ -92,9 +92,10 @@ class Campaign:
                 out[:, rows[own]] = np.ma.median(points[:, rows[~own]], axis=1).filled(np.nan)[:, None]
         return out
 
-    def farthest(self, expected: Array, among: Mask) -> str:
-        """The state, some of (n,), with a point that is farthest from where it is expected (1 + k, n, 3) m, and how far; empty
-        where none is expected."""
+    def farthest(self, expected: Array, trial: int | None = None) -> str:
+        """The state, of one trial or of all, with a point that is farthest from where it is expected (1 + k, n, 3) m, and how
+        far; empty where none is expected."""
+        among = np.isin(self.trial, self.trial if trial is None else trial)
         off = np.where(among & np.isfinite(away := np.linalg.norm(self.points - expected, axis=2)), away, -1.0)
         point, i = np.unravel_index(off.argmax(), off.shape)
         time = f" (t = {self.time[i]:.1f} s)" if np.isfinite(self.time[i]) else ""

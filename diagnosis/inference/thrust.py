@@ -63,9 +63,8 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, dict[str, float]]:
         """rms (mm) of the tip with these effects free, and the parameters fitted."""
         best = fit(p.problem, parameters.prior_of(named), FIT_DISCREPANCY_SIZE, start, ROUNDS)
-        return 1e3 * rms(p.gap(p.problem.observed - best.predicted)), dict(
-            zip(parameters.names, best.theta.tolist(), strict=True)
-        )
+        values = dict(zip(parameters.names, best.theta.tolist(), strict=True))
+        return 1e3 * rms(p.gap(p.problem.observed - best.predicted)), values
 
     cap, on_cap = fitted(other_effects, np.zeros_like(parameters.sd))
     start = np.array([float(name == f"{THRUST}.share") for name in parameters.names])

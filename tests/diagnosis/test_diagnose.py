@@ -174,7 +174,7 @@ def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
     assert told[0] == [] and [f.values["effect"] for f in told[1]] == [
         e.name(ROBOT.actuators.words) for e in (named[0], named[3])
     ]
-    assert "it has no column rate; assumed: rate 25 kPa/s. State" in told[1][0].text
+    assert "does not state; assumed: rate 25 kPa/s. State" in told[1][0].text
 
 
 def test_each_marker_has_its_own_readings_however_many_there_are() -> None:
