@@ -170,10 +170,9 @@ def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
     assert found.effects == ("pressure_lag",) and found.probability > 0.9
     assert found.ranking[0].parameters["pressure_lag.constant"].value == pytest.approx(2.0, abs=0.1)
     bare, named = case.table.replaced({"rate": np.full(len(case.table), np.nan)}), [CATALOGUE[e] for e in (*names, "time_offset")]
-    told = [list(ramps_assumed(states(replace(case, table=t))[0], named, ROBOT.actuators.words)) for t in (case.table, bare)]
-    assert told[0] == [] and [f.values["effect"] for f in told[1]] == [
-        e.name(ROBOT.actuators.words) for e in (named[0], named[3])
-    ]
+    words = ROBOT.actuators.words
+    told = [list(ramps_assumed(states(replace(case, table=t))[0], named, words)) for t in (case.table, bare)]
+    assert told[0] == [] and [f.values["effect"] for f in told[1]] == [e.name(words) for e in (named[0], named[3])]
     assert "does not state; assumed: rate 25 kPa/s. State" in told[1][0].text
 
 

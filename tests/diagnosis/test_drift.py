@@ -76,9 +76,8 @@ def test_places_of_other_rows_are_named_with_the_rows(
     (found,) = (f.values for f in states(Measured(FINGER, table))[1] if f.code == "shifted")
     assert (found["by"], found["when"]) == (f"{abs(by)} row{'s' * (abs(by) > 1)}", "early" if by > 0 else "late")
     names = [table.place(row) for row in range(ROWS)]
-    assert names.index(found["first"]) == pytest.approx(begin, abs=2) and names.index(found["last"]) == pytest.approx(
-        end - 1, abs=2
-    )
+    assert names.index(found["first"]) == pytest.approx(begin, abs=2)
+    assert names.index(found["last"]) == pytest.approx(end - 1, abs=2)
     assert found["own_mm"] > 2 * found["mm"]
 
 

@@ -12,6 +12,7 @@ from lab.driver_contract import POLLED, SPEED, DriverOnFake, answers, unit, unit
 from lab.verbs.fakes import found_fakes
 from sim_fakes.instrument import Site
 from sim_fakes.pty_fake import Faults, PtyFake
+from tests.simulated.bench import raises
 from timing import RigClock
 
 __all__ = ["unit"]
@@ -34,8 +35,7 @@ def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: Dr
     for line in unit.disturbed:
         setattr(line.faults, fault, True)
     start = timing.now()
-    with pytest.raises((NoReply, BadReply)):
-        quick.read()
+    raises((NoReply, BadReply), None, quick.read)
     assert timing.now() - start < 20.0
     for line in unit.disturbed:
         line.faults = Faults()
@@ -47,8 +47,7 @@ def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: Dr
 def test_a_fake_without_a_line_that_can_be_disturbed_is_skipped_with_what_to_offer(unit: DriverOnFake) -> None:
     damaged = driver_contract.test_it_does_not_open_on_a_line_whose_answers_are_all_damaged
     for test in (driver_contract.test_connect_is_enough_to_vent, damaged):
-        with pytest.raises(pytest.skip.Exception, match=r"`faults = Faults\(\)` .* `send`"):
-            test(replace(unit, parts=[]))
+        raises(pytest.skip.Exception, r"`faults = Faults\(\)` .* `send`", test, replace(unit, parts=[]))
 
 
 @units(*READ)
@@ -64,8 +63,7 @@ def test_a_line_that_is_lost_is_told_and_closing_is_quiet_about_it(unit: DriverO
     unit.driver.open()
     for part in unit.parts:
         part.stop()
-    with pytest.raises((Unreachable, NoReply)):
-        unit.driver.read()
+    raises((Unreachable, NoReply), None, unit.driver.read)
     unit.driver.close()
 
 

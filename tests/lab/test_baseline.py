@@ -21,6 +21,7 @@ from model.rods import FINE, solve
 from model.section import rods_of
 from model.simulators import Readings
 from recordings.errors import BadTable
+from tests.simulated.bench import raises
 
 LENGTHS, PRESSURES = (0.0, 0.2), (0.0, 100e3, 200e3)
 
@@ -63,8 +64,7 @@ def test_rows_are_matched_by_trial_and_step(case: Case, tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_matched_is_told(case: Case, tmp_path: Path, rows: list[dict[str, object]], told: str) -> None:
-    with pytest.raises((ConfigError, BadTable), match=told):
-        from_table(written(tmp_path / "p.csv", rows), case)
+    raises((ConfigError, BadTable), told, from_table, written(tmp_path / "p.csv", rows), case)
 
 
 def test_a_prediction_in_millimetres_is_refused(case: Case, tmp_path: Path) -> None:

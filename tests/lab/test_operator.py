@@ -102,8 +102,7 @@ def test_a_folder_that_others_may_enter_or_own_is_refused_with_what_to_do(folder
         says = f"belongs to user {NOBODY}"
     with answering(folder / "operator.sock", {"ok": True}) as asked:
         for ask, about in ((Program.confirm, "the tip is hidden"), (Program.prepare, SETUP)):
-            with pytest.raises(ProtocolError, match=says):
-                ask(Program(folder / "operator.sock"), about)
+            raises(ProtocolError, says, ask, Program(folder / "operator.sock"), about)
         assert asked == []
 
 
@@ -128,8 +127,7 @@ def test_another_user_who_listens_there_is_refused(folder: Path) -> None:
 
 
 def test_nobody_there_is_told_with_what_to_do(folder: Path) -> None:
-    with pytest.raises(ProtocolError, match="no usable answer.*operator: console"):
-        Program(folder / "operator.sock").prepare(SETUP)
+    raises(ProtocolError, "no usable answer.*operator: console", Program(folder / "operator.sock").prepare, SETUP)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.section import body_area, body_second_moment, rods_of
+from tests.simulated.bench import raises
 
 NINE = np.zeros(9)
 
@@ -47,8 +48,7 @@ def test_a_bad_state_is_refused_with_field_and_value(paper_robot: Robot, argumen
 
 def test_a_robot_without_spine_takes_no_spine_length(paper_robot: Robot) -> None:
     bare = robot_from_dict({**paper_robot.model_dump(), "spine": None})
-    with pytest.raises(BadCondition, match="no spine"):
-        conditions(bare, 0.1, NINE)
+    raises(BadCondition, "no spine", conditions, bare, 0.1, NINE)
 
 
 def test_states_group_by_spine_length_within_a_tenth_of_a_millimetre(paper_robot: Robot) -> None:
@@ -129,5 +129,4 @@ def test_errors_are_averaged_per_spine_length_and_axis(paper_robot: Robot) -> No
 @pytest.mark.parametrize(("measured", "word"), [(np.zeros((1, 3)), "measured"), (np.full((2, 3), np.nan), "not finite")])
 def test_measurements_that_do_not_fit_are_refused(paper_robot: Robot, measured: np.ndarray, word: str) -> None:
     states = conditions(paper_robot, [0.0, 0.1], np.zeros(9))
-    with pytest.raises(BadCondition, match=word):
-        error_table(states, measured, np.zeros((2, 3)), 0.4)
+    raises(BadCondition, word, error_table, states, measured, np.zeros((2, 3)), 0.4)

@@ -3,6 +3,7 @@
 import pytest
 
 from model.plain_yaml import MOST_CHARACTERS, MOST_VALUES, BadYaml, parse
+from tests.simulated.bench import raises
 
 
 def test_tables_lists_numbers_and_texts_are_read() -> None:
@@ -48,8 +49,7 @@ def test_everything_else_is_an_error_with_its_line(value: str, word: str) -> Non
 
 @pytest.mark.parametrize("text", ["\0", "a: \0", "\ud800", "%YAML 9.9\n---\na", "--- a\n--- b", "]", "\t"])
 def test_what_is_no_yaml_at_all_is_an_error(text: str) -> None:
-    with pytest.raises(BadYaml, match="not valid YAML"):
-        parse(text)
+    raises(BadYaml, "not valid YAML", parse, text)
 
 
 def test_a_key_is_a_name_whatever_yaml_makes_of_it_elsewhere() -> None:
@@ -65,5 +65,4 @@ def test_a_date_is_a_text_and_a_merge_key_is_a_key_like_any_other() -> None:
     "text", ["x" * (MOST_CHARACTERS + 1), "[" + "1," * MOST_VALUES + "]", "[" * 500, "- " * 500, "{a: " * 500]
 )
 def test_what_is_longer_or_deeper_than_any_sensible_file_is_given_up_early(text: str) -> None:
-    with pytest.raises(BadYaml, match="more than"):
-        parse(text)
+    raises(BadYaml, "more than", parse, text)

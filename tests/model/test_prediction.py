@@ -117,8 +117,7 @@ def test_what_cannot_be_predicted_is_refused(paper_robot: Robot) -> None:
     at = Predictor(robot_with(paper_robot, AZIMUTH))
     raises(BadCondition, r"arcs: 0\.5 m must lie between 0 and the robot's length 0\.4 m", at, [0.0] * 9, arcs=[0.5])
     raises(BadCondition, "9 chambers", at, [0.0] * 8)
-    with pytest.raises(BadCondition, match="intervals=True"):
-        at([0.0] * 9).interval()
+    raises(BadCondition, "intervals=True", at([0.0] * 9).interval)
     with pytest.raises(BadRobot, match="obstacle_azimuth_deg"):
         Predictor(robot_with(paper_robot, {**AZIMUTH, "contact": {"stiffness": {"value": 300.0, "unit": "N/m"}}}))
 

@@ -13,6 +13,7 @@ from drivers.errors import DeviceFault, StaleReading
 from lab.rig.assembly import Rig
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
+from tests.simulated.bench import raises
 
 FAR, SLOW, STILL = 0.28, 6e-3, 1e-3
 """m, and m/s of rig time: more than two host seconds at the speed of these fakes; a standing arm is slower than STILL."""
@@ -76,8 +77,7 @@ def test_a_motion_asked_for_without_samples_does_not_begin(house: House, rig: Ri
     start = here(house)
     pose = list(rig.streams["arm_state"].latest().tcp_pose)
     rig.actuators.arm.move_to((pose[0], pose[1] * 0.8, *pose[2:]), 0.05, 0.3)
-    with pytest.raises(StaleReading, match="max_age_in_motion"):
-        until(lambda: not rig.actuators.arm.moving(), 30.0)
+    raises(StaleReading, "max_age_in_motion", until, lambda: not rig.actuators.arm.moving(), 30.0)
     assert np.linalg.norm(here(house) - start) < 1e-4
 
 
@@ -87,8 +87,7 @@ def test_a_drip_never_sets_the_arm_going_again_and_ends_the_motion(house: House,
     sent = sensor(house).sent
     assert until(lambda: sensor(house).sent > sent + 1 and speed(house) < STILL, 10.0)
     stopped, sent = here(house), sensor(house).sent
-    with pytest.raises(StaleReading, match="max_age_in_motion"):
-        until(lambda: not rig.actuators.arm.moving(), 60.0)
+    raises(StaleReading, "max_age_in_motion", until, lambda: not rig.actuators.arm.moving(), 60.0)
     assert sensor(house).sent > sent + 2, "samples came meanwhile"
     assert np.linalg.norm(here(house) - stopped) < 1e-4
 

@@ -171,6 +171,8 @@ def test_contact_kinks_the_sweep_where_the_plane_stands(sweep: Moved) -> None:
     reach = -sweep.still[:, 0]
     assert np.abs(moved[reach < 0.04]).max() < 1e-3
     assert (np.abs(moved[reach > 0.09, 0]) > 0.01).all()
+    at_rest, near = (sweep.by(contact__stiffness=500.0, contact__distance=d) for d in (-0.07, -0.065))  # 0 and 5 mm off the axis
+    assert np.abs(at_rest - near).max() > 1e-3
 
 
 def test_a_force_reading_has_bias_arm_and_late_touch(paper_robot: Robot) -> None:

@@ -18,6 +18,7 @@ from model.effects.spine import shear_spine
 from model.errors import BadEffect
 from model.robot import Robot
 from tests.model.effects.campaigns import Moved, campaign
+from tests.simulated.bench import raises
 
 
 def test_every_effect_says_what_it_is_and_where_it_is_seen() -> None:
@@ -31,8 +32,7 @@ def test_every_effect_says_what_it_is_and_where_it_is_seen() -> None:
 
 
 def test_declarations_that_could_never_be_absent_are_refused() -> None:
-    with pytest.raises(BadEffect, match="must include zero"):
-        Parameter("size", "1", 0.1, 0.5, 1.0)
+    raises(BadEffect, "must include zero", Parameter, "size", "1", 0.1, 0.5, 1.0)
     with pytest.raises(BadEffect, match="no parameter is a size"):
         EffectSpec("own", "load", "", (Parameter("form", "1", 0.1, -1.0, 1.0, role="shape"),), Law(), "", "")
     with pytest.raises(BadEffect, match="stage"):
@@ -118,5 +118,4 @@ def test_a_sound_effect_of_one_s_own_passes_whichever_chambers_it_acts_on(paper_
     ids=["misspelt", "shape", "no quantity", "nothing", "never off", "too large"],
 )
 def test_an_effect_that_cannot_be_weighed_is_refused_by_name(paper_robot: Robot, spec: EffectSpec, said: str) -> None:
-    with pytest.raises(BadEffect, match=f"colder: .*{re.escape(said)}"):
-        prove(paper_robot, [spec])
+    raises(BadEffect, f"colder: .*{re.escape(said)}", prove, paper_robot, [spec])
