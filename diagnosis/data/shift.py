@@ -29,7 +29,7 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
     """A finding if states of a robot of `length` (m) hold the places of other rows; `place` names one, from 0."""
     rows = np.flatnonzero(~states.pushed)
     table = states.take(rows)
-    given = np.linalg.norm(table.tip, axis=1) <= FARTHEST * length
+    given = (np.linalg.norm(table.tip, axis=1) <= FARTHEST * length) & np.isfinite(table.pressures).all(axis=1)
     if given.sum() < judgement.SHIFT_LEAST:
         return
     terms = _terms(table, int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM)
@@ -78,7 +78,7 @@ def _run(tip: Array, given: Mask, terms: Array, by: int) -> tuple[Mask, Array, A
 def _terms(table: Table, most: int) -> Array:
     """(n, terms) products of the settings that vary, up to the degree of which there are no more than `most`."""
     gaps = [*[pressure_gap(table)] * table.pressures.shape[1], *LOADS.values()]
-    settings = np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS)])
+    settings = np.nan_to_num(np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS)]))
     varied = settings[:, np.ptp(settings, axis=0) > gaps]
     u, out = (varied - varied.mean(axis=0)) / np.ptp(varied, axis=0), [np.ones((len(varied), 1))]
     for degree in range(1, judgement.SHIFT_DEGREE + 1):

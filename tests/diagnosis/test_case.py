@@ -52,9 +52,8 @@ def test_repeats_of_a_state_are_found_by_what_was_meant() -> None:
 
 def test_a_trial_that_drives_several_groups_to_one_pressure_repeats_each_of_its_states() -> None:
     rows, rng = [], np.random.default_rng(0)
-    for trial, (step, (group, p)) in itertools.product(
-        (1, 2, 3), enumerate(itertools.product(([0], [1], [0, 1], [1, 2]), (100e3, 200e3)))
-    ):
+    plan = list(enumerate(itertools.product(([0], [1], [0, 1], [1, 2]), (100e3, 200e3))))
+    for trial, (step, (group, p)) in itertools.product((1, 2, 3), plan):
         read = tuple(p * (c in group) + rng.normal(0.0, 400.0) for c in range(9))
         rows.append(replace(row(trial, step, 0.0, p, repeat=trial), pressures=read))
     found, _ = states(case(rows))
