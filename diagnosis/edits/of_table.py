@@ -114,7 +114,8 @@ def _from_rest(places: Array, rest: Mask) -> Array:
 
 def _mean(places: Array) -> Array:
     """(v, 1, 3) m, of the states (v, n, 3) that were seen; 0 of none."""
-    return np.asarray(np.ma.masked_invalid(places).mean(axis=1, keepdims=True).filled(0.0))
+    seen = np.isfinite(places).all(axis=2, keepdims=True)
+    return np.asarray(np.where(seen, places, 0.0).sum(axis=1, keepdims=True) / np.maximum(seen.sum(axis=1, keepdims=True), 1))
 
 
 def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Variants, own: Array) -> Variants:
