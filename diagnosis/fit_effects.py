@@ -47,9 +47,7 @@ from .fit_residual import learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
-from .inference.linear import Linear
 from .inference.prepare import AREA, Prepared, prepare
-from .inference.problem import FitParameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
 from .inference.thrust import settled_and_edited
@@ -236,7 +234,12 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     """Written parameters and robot.yaml's `posterior`; `rms_after` (m) of the fit."""
     parameters = p.problem.parameters
     linear = c.fit.linear(p.problem)
-    law_error, size = _model_errors(c, linear, parameters)
+    # posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both
+    grid = replace(KNOWN.part(c.with_tolerances), form_errors=FITTED_LAW_ERRORS)
+    probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
+    # without a named effect, no law can be wrong: one form error, the first, 0
+    law_error = float(np.sqrt(probability.sum(axis=(0, 1)) @ FITTED_LAW_ERRORS[: probability.shape[2]] ** 2))
+    size = float(np.sqrt(probability.sum(axis=(0, 2)) @ grid.sizes**2))
     index_of = _lasting(p, c.named)
     columns = np.array(list(index_of.values()))
     covariance = Gaussian(linear, c.prior(parameters), size, law_error).covariance(parameters.of_effect, columns)
@@ -300,16 +303,6 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
         for i, name in enumerate(parameters.names)
         if parameters.effects[i] in (*named,) or (parameters.infos[i].source in of_set_up and not parameters.recurs[i])
     }
-
-
-def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tuple[float, float]:
-    """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
-    grid = replace(KNOWN.part(c.with_tolerances), form_errors=FITTED_LAW_ERRORS)
-    probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
-    # without a named effect, no law can be wrong: one form error, the first, 0
-    form_errors = FITTED_LAW_ERRORS[: probability.shape[2]]
-    law_error = float(np.sqrt(probability.sum(axis=(0, 1)) @ form_errors**2))
-    return law_error, float(np.sqrt(probability.sum(axis=(0, 2)) @ grid.sizes**2))
 
 
 def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Value], posterior: Mapping[str, Any]) -> Robot:

@@ -94,8 +94,11 @@ def _parts(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[_Part
     for branch, own in (("load", s.branch > 0), ("unload", s.branch < 0)):
         if own.any():
             yield ("branch", branch, s.trial[own], gap[own], floor)
-    for own in _quarters(s.time):
-        yield ("time", float(np.round(s.time[own].mean(), 6)), s.trial[own], gap[own], floor)
+    known = np.flatnonzero(np.isfinite(s.time))
+    if known.size >= 4 and np.ptp(s.time[known]) > 0:  # quarters of the campaign
+        for rows in rows_by(np.searchsorted(np.quantile(s.time[known], [0.25, 0.5, 0.75]), s.time[known])):
+            own = known[rows]
+            yield ("time", float(np.round(s.time[own].mean(), 6)), s.trial[own], gap[own], floor)
     for arc, marker in zip(p.robot.markers, p.points(missed)[1:, seen], strict=False):
         own = np.asarray(np.isfinite(marker).all(axis=1))
         if np.isfinite(marker).any():
@@ -113,14 +116,6 @@ def _specimens(p: Prepared, missed: Array) -> Iterator[_Part]:
         own = (body == specimen) & (length == k)
         name = "body" if p.robot.spine is None else f"{'body, ' * specimen}spine {100 * s.spine_length[own].mean():.3g} cm"
         yield ("stiffness", name, s.trial[own], missed[own, None], p.pushes.noise_floor)
-
-
-def _quarters(time: Array) -> list[Ints]:
-    """Rows of each quarter of the campaign by time."""
-    known = np.flatnonzero(np.isfinite(time))
-    if known.size < 4 or np.ptp(time[known]) == 0:
-        return []
-    return [known[own] for own in rows_by(np.searchsorted(np.quantile(time[known], [0.25, 0.5, 0.75]), time[known]))]
 
 
 def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.random.Generator) -> tuple[Cell, float]:

@@ -19,7 +19,7 @@ from recordings.trials import Mapped, Table
 from ..arrays import Array, Mask
 from ..data.plausible import METRES, PASCALS
 from ..remedies import heading, named, of_columns, of_unit
-from .edit import Edit, Says, Variants, mistake, stating, times
+from .edit import Edit, Variants, mistake, stating, times
 from .listed import FRAMES, MIRROR, axes_say, gravity_along, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
@@ -75,7 +75,10 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
             kind, prior = ("points", 0.02) if not whole else ("frame", 0.02) if handed == (1,) else MIRROR
-            says = axes_say(axes, table.mapped) if whole else _axes_of_one_say(bodies[0], axes)
+            point = f"marker {bodies[0]}" if bodies[0] else "the tip"
+            axis_of = ", ".join(f"{a}: {name}" for a, name in zip("xyz", named(axes), strict=True))
+            of_one = stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
+            says = axes_say(axes, table.mapped) if whole else of_one
             proper = axes * np.round(np.linalg.det(axes))
             turn = scipy.spatial.transform.Rotation.from_matrix(proper).as_quat(scalar_first=True) if whole else None
             yield Edit(kind, prior / len(every), says, partial(_about_rest, axes, bodies, turn))
@@ -114,8 +117,7 @@ def _from_rest(places: Array, rest: Mask) -> Array:
 
 def _mean(places: Array) -> Array:
     """(v, 1, 3) m, of the states (v, n, 3) that were seen; 0 of none."""
-    seen = np.isfinite(places).all(axis=2, keepdims=True)
-    return np.asarray(np.where(seen, places, 0.0).sum(axis=1, keepdims=True) / np.maximum(seen.sum(axis=1, keepdims=True), 1))
+    return np.asarray(np.ma.masked_invalid(places).mean(axis=1, keepdims=True).filled(0.0))
 
 
 def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Variants, own: Array) -> Variants:
@@ -134,12 +136,6 @@ def _scaled(factors: Array, v: Variants, own: Array) -> Variants:
     if v.table.moved_to_model:
         return _about_rest(np.diag(factors), range(1 + v.markers.shape[2]), None, v, own)
     return replace(v, tip=v.tip * factors, markers=v.markers * factors)
-
-
-def _axes_of_one_say(body: int, axes: Array) -> Says:
-    point = f"marker {body}" if body else "the tip"
-    axis_of = ", ".join(f"{a}: {name}" for a, name in zip("xyz", named(axes), strict=True))
-    return stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
 
 
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:
