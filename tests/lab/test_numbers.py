@@ -49,9 +49,9 @@ def test_what_is_none_is_refused_everywhere(text: str, tmp_path: Path, cli: Cli)
         raises(ValueError, "is not a", read, said)
     for quantity in (text, f"{text} m"):
         raises(UnitError, None, to_si, quantity, "m")
-    for key in ("plain", "length", "count"):
-        for value in (text, f"'{text}'"):
-            raises(ConfigError, rf"{key}|usable number|valid YAML", check, parse_yaml(f"{key}: {value}\n", "values.yaml"), Values)
+    for key, value in [(key, value) for key in ("plain", "length", "count") for value in (text, f"'{text}'")]:
+        with pytest.raises(ConfigError, match=rf"{key}|usable number|valid YAML"):
+            check(parse_yaml(f"{key}: {value}\n", "values.yaml"), Values)
     refused("lengths", check, parse_yaml(f"lengths: [0.1, '{text}']\n", "values.yaml"), Values)
     robot = paper_robot().read_text().replace("area_factor: {0.0:", f"area_factor: {{'{text}':", 1)
     refused("area_factor", check, parse_yaml(robot, "robot.yaml"), Robot)
