@@ -34,7 +34,7 @@ def test_a_symbolic_link_is_not_opened_whether_it_leads_anywhere_or_not(tmp_path
 def test_a_pipe_or_a_folder_is_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for flags in (os.O_RDONLY, os.O_WRONLY, os.O_RDWR):
-        raises(OSError, None, os.close, opened(tmp_path / "pipe", flags))
+        raises(OSError, None, opened, tmp_path / "pipe", flags)
     raises(OSError, "not a regular file", opened, tmp_path, os.O_RDONLY)
 
 
