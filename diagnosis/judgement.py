@@ -73,8 +73,8 @@ longest: beyond is drift."""
 
 SHIFTS = (-2, -1, 1, 2)
 """Rows by which places may be late (negative) or early."""
-SHIFT_DEGREE, SHIFT_ROWS_PER_TERM = 4, 4
-"""Highest degree of the polynomial in the settings, and fewest states for each of its terms."""
+SHIFT_DEGREE, SHIFT_ROWS_PER_TERM, SHIFT_TERMS = 4, 4, 150
+"""Highest degree of the polynomial in the settings, fewest states for each of its terms, and most terms: a sweep is smooth."""
 SHIFT_ROUNDS = 3
 """How often polynomial and rows are fitted in turn."""
 SHIFT_LEAST, SHIFT_WAY = 8, 0.1

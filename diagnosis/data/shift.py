@@ -32,7 +32,7 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
     given = (np.linalg.norm(table.tip, axis=1) <= FARTHEST * length) & np.isfinite(table.pressures).all(axis=1)
     if given.sum() < judgement.SHIFT_LEAST:
         return
-    terms = _terms(table, int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM)
+    terms = _terms(table, min(int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM, judgement.SHIFT_TERMS))
     runs = {by: _run(table.tip, given, terms, by) for by in judgement.SHIFTS}
     by = min(runs, key=lambda by: float(np.nanmean(runs[by][-1])))
     there, off, way, left = runs[by]
