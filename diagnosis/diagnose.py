@@ -33,6 +33,7 @@ from .answer.unseen import Unseen, unseen_states
 from .data.campaign import Campaign
 from .data.case import Case, states
 from .data.drift import drift
+from .data.shift import shifted
 from .edits.order import ORDER
 from .edits.search import Edited
 from .errors import BadCase
@@ -123,7 +124,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
-    first = [f for f in (*findings, settled) if f is not None and f.code in ("shifted", "thrust_likely")]
+    first = [*shifted(case.table, case.robot.length), *(f for f in (settled,) if f is not None and f.code == "thrust_likely")]
     first += drift(edited.states.take(~edited.states.pushed))
     unsettled = (*far, *edited.changes, *tense, *first)
     if named:

@@ -40,6 +40,7 @@ from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import Case, states
 from .data.noise_components import NoiseComponents
+from .data.shift import shifted
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
 from .findings import Finding, finding
@@ -159,6 +160,7 @@ def fit_effects(
             raise BadEffect(f"effect {effect!r}: is not known, {nearest(effect, catalogue)}")
     named = tuple(id for id in catalogue if id in effects)
     case_states, findings = states(case)
+    findings = (*shifted(case.table, case.robot.length), *findings)
     if case_states.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     other_effects = {id: stated for id, stated in case.robot.effects.items() if id not in named}

@@ -190,8 +190,7 @@ def concentrated(c: Concentrated, words: Words) -> str:
         return f"on the way {'up' if c.above else 'down'}"
     loads = {"spine_length": ("the spine's length", "m"), "tip_mass": ("the mass at the tip", "kg")}
     name, unit = loads.get(c.factor, (f"the {words.pressure} of {words.actuator} {c.factor[1:]}", "Pa"))
-    number, unit = for_people(c.limit, unit, words)
-    return f"where {name} is {'above' if c.above else 'at most'} {number:.3g} {unit}"
+    return f"where {name} is {'above' if c.above else 'at most'} {'{:.3g} {}'.format(*for_people(c.limit, unit, words))}"
 
 
 def relative(id: str, at_places: Mapping[str, Mapping[str, Value]], words: Words) -> tuple[list[str], str]:

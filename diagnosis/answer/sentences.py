@@ -60,8 +60,7 @@ def _verdict(d: Diagnosis) -> str:
     sure = (limit := limited(d)) or f"{a.p}; {judgement.BENCHMARK}"
     if not limit and a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED:
         catalogued = "it is in the catalogue" if a.effects else "no cause is outside the catalogue"
-        given_that = a.probability / (1 - a.outside)
-        sure = f"{a.p}; {given_that:.2f} if {catalogued}; {judgement.BENCHMARK}"
+        sure = f"{a.p}; {a.probability / (1 - a.outside):.2f} if {catalogued}; {judgement.BENCHMARK}"
     each = [f"{with_id(e, d.names)} (p = {p:.2f})" for e, p in a.second.items()]
     second = f" A second cause of comparable size acts with it: {' or '.join(each)}." if each else ""
     if a.conclusion == "cause":

@@ -22,7 +22,6 @@ from . import levels as gaps
 from .campaign import Campaign
 from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
 from .plausible import complete, implausible_values, of_body, require_plausible_pushes
-from .shift import shifted
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def states(case: Case) -> tuple[Campaign, tuple[Finding, ...]]:
         raise BadCase("\n".join(wrong))
     require_plausible_pushes(robot, table.take(usable_pushes))
     campaign = campaign_of(table, usable, usable_pushes)
-    return campaign, (*shifted(table, robot.length), *concerns, *_concerns(campaign, robot))
+    return campaign, (*concerns, *_concerns(campaign, robot))
 
 
 def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:

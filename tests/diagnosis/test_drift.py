@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from diagnosis.data import drift, shift
 from diagnosis.data.case import states
-from diagnosis.data.drift import drift
 from diagnosis.diagnose import diagnose
 from model.arrays import Array
 from recordings.trials import TIP, Table
@@ -34,7 +34,7 @@ def test_a_drift_is_found_whatever_it_is_and_scatter_is_none(along: float, deg: 
     tip = Rotation.from_rotvec(np.radians(deg) * u[:, None] * [1.0, 0.0, 0.0]).apply(table.tip) + own
     tip[:, 0] += along * u
     campaign, _ = states(Measured(FINGER, table.replaced({**columns(TIP, tip), "roll_deg": roll * u})))
-    found = list(drift(campaign))
+    found = list(drift.drift(campaign))
     assert [f.code for f in found] == ([] if mm is None else ["drift"])
     if mm is not None:
         assert found[0].values["mm"] == pytest.approx(mm, rel=0.15)
@@ -74,7 +74,7 @@ def test_places_of_other_rows_are_named_with_the_rows(
     scatter = noise * FINGER.length / np.sqrt(3) * np.random.default_rng(1).normal(size=(ROWS, 3))
     table = shifted(begin, end, by, table.replaced(columns(TIP, table.tip + scatter)))
     table = table.replaced({"p1": np.where(np.arange(ROWS) == 30, np.nan, table["p1"])})  # one is missing
-    (found,) = (f.values for f in states(Measured(FINGER, table))[1] if f.code == "shifted")
+    (found,) = (f.values for f in shift.shifted(table, FINGER.length))
     assert (found["by"], found["when"]) == (f"{abs(by)} row{'s' * (abs(by) > 1)}", "early" if by > 0 else "late")
     names = [table.place(row) for row in range(ROWS)]
     assert names.index(found["first"]) == pytest.approx(begin, abs=2)
@@ -86,7 +86,7 @@ def test_places_of_other_rows_are_named_with_the_rows(
 @pytest.mark.parametrize("law", [lagging, lambda p: lagging(p, 0.8), played, lambda p: p, lambda p: np.clip(p - 20e3, 0.0, None)])
 def test_a_lag_or_hysteresis_is_no_shift_also_where_it_begins_at_a_row(law: Callable[[Array], Array], from_row: int) -> None:
     table = read(FINGER, lambda p: np.where((np.arange(ROWS) >= from_row)[:, None], law(p), p), repeats=6)
-    assert all(f.code != "shifted" for f in states(Measured(FINGER, table))[1])
+    assert list(shift.shifted(table, FINGER.length)) == []
 
 
 def test_a_diagnosis_of_places_of_other_rows_says_so_first_and_is_not_certain() -> None:
