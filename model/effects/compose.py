@@ -259,9 +259,10 @@ def _loads(q: Quantities, out: RodColumns) -> None:
 def _obstacle(q: Quantities, out: RodColumns) -> None:
     """A plane that pushes on the body at arc length b = `plane_lever` before the tip: a one-sided spring with an arm.
 
-    The arm a (m, tip frame) leads from that point to the tip. Near the tip, which carries the moment M (x, y) and the thrust F,
-    the body's axis obeys y'' = k + F y / EI with the curvature k = M / EI + u*, so that, with b stretched by 1 + F / EA + v*,
-        a_side = b^2 (1/2 + x/24 + x^2/720) (1 - |k b|^2 / 12),  x = F b^2 / EI,     a_axis = b (1 - |k b|^2 / 6).
+    The arm a (m, tip frame) leads from that point to the tip. From the tip back the axis turns from it by t (complex, x, y) and
+    goes aside by y: t' = k + F y / EI, y' = t, with the curvature k = M / EI + u* of the moment M in each section and the thrust F
+    at the tip, lengths stretched by 1 + F / EA + v*. So, to second order in t (Simpson's rule),
+        a_side = int t (1 - |t|^2 / 6) ds,     a_axis = int (1 - |t|^2 / 2) ds.
     """
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
     out[wall], out[wall + 1] = q.plane_direction
@@ -269,17 +270,27 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     out[wall + col.SPRING_ORIGIN] = q.plane_distance
     # skin and mounting give a little
     out[wall + col.SPRING_SOFTNESS] = q.robot.length / 200
-    last_element = q.layout.elements[-1]
-    rest = [sum(out[last_element + c + k] for c in (col.REST_CURVATURE, *range(col.RISE, col.BLOCK, 3))) for k in range(2)]
-    curvature = [out[col.TIP_MOMENT + k] / out[last_element + col.BEND] + rest[k] for k in range(2)]
-    thrust = out[col.TIP_FORCE + 2]
-    b = q.plane_lever * (1 + thrust / out[last_element + col.STRETCH + 2] + out[last_element + col.REST_STRAIN + 2])
-    turn_squared = (curvature[0] ** 2 + curvature[1] ** 2) * b**2
-    x = thrust / out[last_element + col.BEND] * b**2
-    by_curvature = b**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turn_squared / 12)
-    out[wall + col.SPRING_ARM] = -by_curvature * curvature[1]
-    out[wall + col.SPRING_ARM + 1] = by_curvature * curvature[0]
-    out[wall + col.SPRING_ARM + 2] = b * (1 - turn_squared / 6)
+    if not q.plane_lever.any():
+        return
+    thrust, left = out[col.TIP_FORCE + 2], q.plane_lever
+    axis, turn, aside = ZERO, ZERO * 1j, ZERO * 1j
+    for element in reversed(q.layout.elements):
+        rest = [sum(out[element + c + k] for c in (col.REST_CURVATURE, *range(col.RISE, col.BLOCK, 3))) for k in range(2)]
+        bend = out[element + col.BEND]
+        curvature = 1j * (out[col.TIP_MOMENT] / bend + rest[0]) - (out[col.TIP_MOMENT + 1] / bend + rest[1])
+        curvature = curvature + thrust / bend * aside
+        here = np.clip(left, 0.0, out[element + col.LENGTH] if element != q.layout.elements[0] else np.inf)
+        step = here * (1 + thrust / out[element + col.STRETCH + 2] + out[element + col.REST_STRAIN + 2])
+        x = thrust / bend * step**2
+        odd = step * (1 + x / 6 + x**2 / 120)
+        end = turn * (1 + x / 2 + x**2 / 24) + curvature * odd
+        aside = aside + turn * odd + curvature * step**2 * (1 / 2 + x / 24 + x**2 / 720)
+        for t, weight in ((turn, 1 / 6), ((turn + end) / 2, 4 / 6), (end, 1 / 6)):
+            aside = aside - weight * step * t * np.abs(t) ** 2 / 6
+            axis = axis + weight * step * (1 - np.abs(t) ** 2 / 2)
+        turn, left = end, left - here
+    out[wall + col.SPRING_ARM], out[wall + col.SPRING_ARM + 1] = np.real(aside), np.imag(aside)
+    out[wall + col.SPRING_ARM + 2] = axis
 
 
 def _payload(q: Quantities, out: RodColumns) -> None:

@@ -139,7 +139,7 @@ SPECS = (
     EffectSpec(
         id="contact",
         label="contact with an obstacle",
-        says="the body touches an obstacle of {}",
+        says="the body touches an obstacle of {}, as felt near the tip",
         stage="load",
         equation="F = -k <e . p(L - l) - (0.175 L + d)> e, l from the tip, e turned by t from the obstacle's azimuth, "
         "< > positive part over L / 200",
