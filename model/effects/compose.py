@@ -260,7 +260,7 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     """A plane that pushes on the body at arc length b = `plane_lever` before the tip: a one-sided spring with an arm.
 
     The arm a (m, tip frame) leads from that point to the tip. From the tip back the axis turns from it by t (complex, x, y) and
-    goes aside by y: t' = k + F y / EI, y' = t, with the curvature k = M / EI + u* of the moment M in each section and the thrust F
+    goes aside by y: t' = k + F y / EI, y' = t, with the curvature k = M / EI + u* of the moment M in each section, the thrust F
     at the tip, lengths stretched by 1 + F / EA + v*. So, to second order in t (Simpson's rule),
         a_side = int t (1 - |t|^2 / 6) ds,     a_axis = int (1 - |t|^2 / 2) ds.
     """
