@@ -2,7 +2,7 @@
 
 The calibrated baseline and the best hypothesis, both fitted to the diagnosed data alone, predict the other campaign; what belongs
 to a trial is at its expectation. The share closed counts from the noise floor of the diagnosed campaign; its interval comes from
-drawing the other campaign's trials anew, within each spine length.
+drawing the other campaign's trials anew, within each spine length; of one trial its `PARTS`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from .unseen import closed
 BY_ANALYSIS = {"thrust", "effects", "tolerances", "uncertainty", "area_factor", "posterior", "residual", "quoted_pressure",
                "quoted_time", "obstacle_azimuth_deg", *LIMITS}  # fmt: skip
 """Keys of robot.yaml that a diagnosis proposes or a fit writes, and limits: two that differ in these alone describe one body."""
+PARTS = 8
+"""Parts of equally many states that follow each other: as many as the trials of a usual campaign, each longer than a lag."""
 
 
 def other_campaign(diagnosed: Case, other: Case) -> tuple[Campaign, tuple[Finding, ...]]:
@@ -69,14 +71,15 @@ def evaluate_holdout(f: Attribution, other: Campaign) -> Holdout:
     if not predicted.any():
         raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
     before, after, kept = before[predicted], after[predicted], other.take(predicted)
-    length = levels(kept.spine_length, SPINE_GAP)
-    shrunk = closed("predicted by fits to the diagnosed campaign", before, after, f.prepared.noise_floor, kept, length)
+    length, trials = levels(kept.spine_length, SPINE_GAP), len(np.unique(kept.trial))
+    parts = kept.trial if trials > 1 else np.arange(len(kept)) * PARTS // len(kept)
+    shrunk = closed("predicted by fits to the diagnosed campaign", before, after, f.prepared.noise_floor, kept, parts, length)
     named, interval = f.decision.verdict == "effect", shrunk.ci95
     verdict: Literal["confirmed", "contradicted", "open"] = "open"
     if named and interval is not None:
         verdict = "confirmed" if interval[0] >= EXPLAINS else "contradicted" if interval[1] < 0 else "open"
     return Holdout(
-        **vars(shrunk), states=len(kept), trials=len(np.unique(kept.trial)), unsolved=int((~predicted).sum()),
+        **vars(shrunk), states=len(kept), trials=trials, unsolved=int((~predicted).sum()),
         hypothesis=f.best.named, named=named, verdict=verdict,
     )  # fmt: skip
 

@@ -505,14 +505,14 @@ def held_out(d: Diagnosis) -> str:
     if h.share_closed is None:
         return f"{errors}: near the noise floor of {h.floor_mm:.2f} mm, so there is no gap to close."
     named = _named(h.hypothesis, d)
-    interval = "" if h.ci95 is None else f" (95 %: {percent(h.ci95[0])} .. {percent(h.ci95[1])} %)"
+    drawn = ", from parts of its one trial" * (h.trials == 1)
+    interval = "" if h.ci95 is None else f" (95 %: {percent(h.ci95[0])} .. {percent(h.ci95[1])} %{drawn})"
     closed = f"{errors}: {percent(h.share_closed)} % of the reducible gap is closed{interval}"
     if not h.named:
         return f"{closed} with {named}, the nearest effect. It was not named, so nothing is confirmed."
-    one_trial = ", as one trial gives no interval: hold out two trials or more"
     verdict = {
         "confirmed": f"{named} confirmed",
         "contradicted": f"{named} contradicted: it makes the prediction worse",
-        "open": f"this neither confirms nor contradicts {named}{one_trial * (h.trials == 1)}",
+        "open": f"this neither confirms nor contradicts {named}",
     }[h.verdict]
     return f"{closed}; {verdict}."

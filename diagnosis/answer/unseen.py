@@ -95,7 +95,7 @@ def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[At
             missed = {NONE: before, f.best.named: after}
             missed |= {h: distance(p, residual) for h, residual in zip(others, refits(), strict=True)}
             seen = np.isfinite(before) & np.isfinite(after)
-            shrunk = closed(how, before[seen], after[seen], p.noise_floor, p.states.take(seen))
+            shrunk = closed(how, before[seen], after[seen], p.noise_floor, p.states.take(seen), p.states.trial[seen])
             return Unseen(shrunk, residuals, {h: 1e3 * rms(missed[h]) for h in leading}, step_by_step())
 
         return finish
@@ -185,11 +185,13 @@ def _steps(
     return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps), lost)
 
 
-def closed(how: str, before: Array, after: Array, floor: float, states: Campaign, kind: Ints | None = None) -> Shrink:
+def closed(
+    how: str, before: Array, after: Array, floor: float, states: Campaign, trial: Ints, kind: Ints | None = None
+) -> Shrink:
     """The section `shrink`, from errors (n,) m of states that the fits did not see; `how` they were left out. Its interval draws
-    trials anew, see `interval_closed`."""
+    trials (n,) anew, see `interval_closed`."""
     share = share_closed(rms(before), rms(after), floor)
-    interval = None if share is None else interval_closed(before, after, floor, states.trial, kind)
+    interval = None if share is None else interval_closed(before, after, floor, trial, kind)
     by_length = tuple(
         LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), len(i))
         for i in rows_by(levels(states.spine_length, SPINE_GAP))

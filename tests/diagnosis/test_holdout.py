@@ -59,11 +59,11 @@ def test_what_was_not_named_is_not_confirmed(found: Attribution, diagnosed: Meas
     assert held.verdict == "open" and "not named, so nothing is confirmed" in held_out(replace(NAMELESS, holdout=held))
 
 
-def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnosed: Measured) -> None:
-    rows = [r for r in measured(1, 9, chamber_azimuth__angle=AZIMUTH).table if r.trial == 2]
+def test_of_one_trial_parts_are_drawn_anew(found: Attribution, diagnosed: Measured) -> None:
+    rows = [replace(r, trial=1) for r in measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH).table]
     held = evaluate_holdout(found, other_campaign(diagnosed, case(rows))[0])
-    assert held.trials == 1 and held.ci95 is None and held.verdict == "open"
-    assert "one trial gives no interval: hold out two trials or more." in held_out(replace(NAMELESS, holdout=held))
+    assert held.trials == 1 and held.ci95 is not None and held.verdict == "confirmed"
+    assert " %, from parts of its one trial); " in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_a_robot_yaml_that_lacks_what_a_diagnosis_proposes_is_of_the_same_robot(diagnosed: Measured) -> None:
