@@ -215,8 +215,7 @@ def axes_of(series: Series, marker: str, place: str) -> list[str]:
     if len(columns) != 3:
         raise ConfigError(
             f"{series.path}: {place} = {marker[:80]!r}: has no columns x, y and z; there are "
-            f"{_nearest_first(f'{marker}.x', series.names, 6)}; name its three columns, as in [[{marker[:40]}_x, "
-            f"{marker[:40]}_y, {marker[:40]}_z]]"
+            f"{_nearest_first(f'{marker}.x', series.names, 6)}; name its three columns in two brackets, `of: [[x, y, z]]`"
         )
     return columns
 
