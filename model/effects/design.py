@@ -188,14 +188,9 @@ def _pressures(robot: Robot, columns: Columns, stiffness: Mask) -> Array:
 
 def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[Ints, Ints]:
     """Trial numbers and the trial of each row; a spine that changes within a trial begins another, with its own rest."""
-    ids: list[int] = []
-    trial, number_of = np.empty(len(numbers), np.int64), dict[tuple[int, float], int]()
-    for row, key in enumerate(zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True)):
-        if key not in number_of:
-            number_of[key] = len(ids)
-            ids.append(key[0])
-        trial[row] = number_of[key]
-    return np.array(ids, np.int64), trial
+    keys = list(zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True))
+    place = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    return np.array([number for number, _ in place], np.int64), np.array([place[key] for key in keys], np.int64)
 
 
 def _channels(robot: Robot, columns: Columns, stiffness: Mask) -> tuple[str, ...]:
