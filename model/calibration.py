@@ -19,7 +19,7 @@ from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.rods.beam import bar_deflection
-from model.section import annulus_second_moment, body_second_moment, rods_of
+from model.section import annulus_second_moment, body_of, rods_of
 
 
 def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:
@@ -140,7 +140,7 @@ def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, tria
     >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
     True
     """
-    return youngs_modulus(fit_stiffness(deflection, force, trial), robot.length, body_second_moment(robot))
+    return youngs_modulus(fit_stiffness(deflection, force, trial), robot.length, body_of(robot).mean_second)
 
 
 def fit_spine_modulus(

@@ -179,9 +179,7 @@ def conditions(
         _refuse(name, "", value, ~np.isfinite(value), "must be finite: drop the rows that were not measured")
     _refuse("spine_length", "m", full["spine_length"], full["spine_length"] < 0, "must not be negative")
     _refuse("tip_mass", "kg", full["tip_mass"], full["tip_mass"] < 0, "must not be negative")
-    wrong = (full["pressure"] < LOWEST_PRESSURE) | (full["pressure"] > HIGHEST_PRESSURE)
-    limits = f"must be within {LOWEST_PRESSURE:g} and {HIGHEST_PRESSURE:g} Pa gauge: check the unit"
-    _refuse("pressure", "Pa", full["pressure"], wrong, limits)
+    within("pressure", full["pressure"], LOWEST_PRESSURE, HIGHEST_PRESSURE, "Pa gauge", "state")
     numbers, never, zero = np.arange(n), np.zeros(n, bool), np.zeros(n)
     states = States(
         trial=numbers, trial_id=numbers, stiffness=never, body=never, unload=never, repeat=np.ones(n, np.int64),
@@ -207,8 +205,14 @@ def _floats(field: str, value: ArrayLike) -> Array:
         raise BadCondition(f"{field}: {value!r} is not an array of numbers") from error
 
 
-def _refuse(field: str, unit: str, values: Array, wrong: Mask, limit: str) -> None:
+def within(field: str, values: Array, low: float, high: float, unit: str, of: str) -> None:
+    """Raise `BadCondition` where a value is not from `low` to `high`; `of`: what the first axis counts."""
+    outside = ~((values >= low) & (values <= high))
+    _refuse(field, unit, values, outside, f"must be within {low:g} and {high:g}: check the unit", of)
+
+
+def _refuse(field: str, unit: str, values: Array, wrong: Mask, limit: str, of: str = "state") -> None:
     if wrong.any():
         where = tuple(int(i) for i in np.argwhere(wrong)[0])
         value = f"{values[where]:g} {unit}".strip()
-        raise BadCondition(f"{field}: {value} in state {where[0]}, {limit} ({int(wrong.sum())} such values)")
+        raise BadCondition(f"{field}: {value} in {of} {where[0]}, {limit} ({int(wrong.sum())} such values)")

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
+from model.body import annulus_second_moment, body_of
 from model.errors import BadCondition
 from model.robot import Robot
-from model.section import annulus_second_moment, body_second_moment
 from recordings.trials import Table
 
 from .. import judgement
@@ -203,7 +203,7 @@ def _stiffness_ratio(robot: Robot, own: Table, specimen: str) -> float:
     """Slope of force over deflection, of 3 E I / L^3; 0 where they do not follow each other, or the robot has no spine."""
     long, force, deflection = cantilevers(robot, own), own.get("force"), own.get("deflection")
     if specimen == "body":
-        bending = np.full(len(own), robot.youngs_modulus * body_second_moment(robot))
+        bending = np.full(len(own), robot.youngs_modulus * body_of(robot).mean_second)
     elif robot.spine is not None:
         bending = robot.spine.modulus_at(long) * annulus_second_moment(robot.spine.radius)
     else:

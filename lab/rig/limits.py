@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from drivers.chambers import ChamberMap
-from model.body import body_of
+from model.body import annulus_second_moment, body_of
 from model.robot import Robot
-from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.arm_accuracy import distance
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
@@ -254,7 +253,7 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
     if robot.chambers is not None and rig.instruments.pressure is not None:
         factor = float(robot.area_factor_at([0.0, 0.0 if robot.spine is None else robot.length]).max())
         push = rig.instruments.pressure.max_pressure * factor * float(body_of(robot).tip_area.sum())
-        strain = push / (robot.youngs_modulus * body_area(robot))
+        strain = push / (robot.youngs_modulus * body_of(robot).mean_area)
     return Bodies(0.0, (robot.length, *markers), stretch=1 + 0.1 + 3.0 * strain)
 
 
@@ -270,7 +269,7 @@ def expected_force(robot: Robot, push: Push) -> float | None:
     if push.specimen == "spine":
         stiffness_inside, stiffness_beyond, reach = spine_stiffness, spine_stiffness, push.length
     else:
-        stiffness_beyond = robot.youngs_modulus * body_second_moment(robot)
+        stiffness_beyond = robot.youngs_modulus * body_of(robot).mean_second
         stiffness_inside, reach = stiffness_beyond + spine_stiffness, min(push.spine, push.length)
     if push.length <= 0 or stiffness_inside <= 0:
         return math.inf  # nothing that could give way

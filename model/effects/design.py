@@ -19,6 +19,7 @@ from model.condition import (
     USED,
     States,
     highest_of_trial,
+    within,
 )
 from model.errors import BadCondition
 from model.robot import Robot
@@ -48,10 +49,10 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
             raise BadCondition(f"{name}: shape {np.shape(column)}, must be ({n},) as trial")
     stiffness = _text(columns, "protocol", "bending", n) == "stiffness"
     spine_length = _numbers(columns, "spine_length", None, n)
-    _within("spine_length", spine_length, 0.0, robot.length * (1 + 1e-9), "m")
+    within("spine_length", spine_length, 0.0, robot.length * (1 + 1e-9), "m", "row")
     pressure = _pressures(robot, columns, stiffness)
     vacuum = _numbers(columns, "vacuum", NOMINAL_VACUUM, n)
-    _within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient")
+    within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient", "row")
     ids, trial = _trials(columns["trial"], spine_length)
     with_spine = spine_length > 0
     observed = _channels(robot, columns, stiffness)
@@ -162,16 +163,6 @@ def _text(columns: Columns, name: str, default: str, n: int) -> NDArray[np.str_]
     return np.array([str(x) if x not in (None, "") else default for x in columns[name]])
 
 
-def _within(name: str, values: Array, low: float, high: float, unit: str) -> None:
-    wrong = ~((values >= low) & (values <= high))
-    if wrong.any():
-        row = int(np.flatnonzero(wrong.reshape(len(values), -1).any(axis=1))[0])
-        raise BadCondition(
-            f"{name}: {np.atleast_1d(values[row]).max():g} {unit} in row {row}, must be within {low:g} and {high:g}: "
-            "check the unit"
-        )
-
-
 def _usual(vacuum: Array) -> float:
     """The level (Pa) that occurs most often, the stronger one of equals; readings within 2 kPa are one level."""
     levels, count = np.unique(np.round(vacuum / 2e3), return_counts=True)
@@ -191,20 +182,15 @@ def _pressures(robot: Robot, columns: Columns, stiffness: Mask) -> Array:
     if not any(name in columns for name in names):
         raise BadCondition(f"p1..p{chambers}: the table has no pressures")
     pressure[stiffness] = 0.0
-    _within("pressure", pressure, LOWEST_PRESSURE, HIGHEST_PRESSURE, "Pa")
+    within("pressure", pressure, LOWEST_PRESSURE, HIGHEST_PRESSURE, "Pa", "row")
     return pressure
 
 
 def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[Ints, Ints]:
     """Trial numbers and the trial of each row; a spine that changes within a trial begins another, with its own rest."""
-    ids: list[int] = []
-    trial, number_of = np.empty(len(numbers), np.int64), dict[tuple[int, float], int]()
-    for row, key in enumerate(zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True)):
-        if key not in number_of:
-            number_of[key] = len(ids)
-            ids.append(key[0])
-        trial[row] = number_of[key]
-    return np.array(ids, np.int64), trial
+    keys = list(zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True))
+    place = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    return np.array([number for number, _ in place], np.int64), np.array([place[key] for key in keys], np.int64)
 
 
 def _channels(robot: Robot, columns: Columns, stiffness: Mask) -> tuple[str, ...]:

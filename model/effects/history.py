@@ -105,7 +105,7 @@ class Path:
 
 def loading_path(design: States, rest_of: Ints) -> Path:
     """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
-    before, after, first, stay, ramp, hold = [], [], [], [], [], []
+    steps: list[tuple[float, ...]] = []  # as the fields of `Path`
     time = np.nan
     for k in range(len(design.trial_id)):
         previous, pressure, begins_trial = int(rest_of[k]), np.zeros(design.pressure.shape[1]), True
@@ -119,15 +119,11 @@ def loading_path(design: States, rest_of: Ints) -> Path:
             if gap > 0:
                 hold_time = min(hold_time, gap)
                 ramp_time = min(ramp_time, gap - hold_time) if hold_time > 0 else gap
-            before.append(previous)
-            after.append(row)
-            first.append(begins_trial)
-            stay.append(max(gap - ramp_time - hold_time, 0.0) if gap > 0 else np.inf if begins_trial else 0.0)
-            ramp.append(ramp_time)
-            hold.append(hold_time)
+            stay = max(gap - ramp_time - hold_time, 0.0) if gap > 0 else np.inf if begins_trial else 0.0
+            steps.append((previous, row, begins_trial, stay, ramp_time, hold_time))
             previous, pressure, time, begins_trial = row, design.pressure[row], float(design.t[row]), False
-    order = (np.array(before, np.int64), np.array(after, np.int64), np.array(first, bool))
-    return Path(*order, np.array(stay), np.array(ramp), np.array(hold))
+    before, after, first, *times = np.array(steps, float).reshape(-1, 6).T.copy()
+    return Path(before.astype(np.int64), after.astype(np.int64), first.astype(bool), *times)
 
 
 def ramps(design: States) -> Path:

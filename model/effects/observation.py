@@ -46,17 +46,11 @@ class Observations:
 
 def observations(design: States, reference: Array) -> Observations:
     """Stack what the design observes: positions and orientations of the robot's rows, forces of the stiffness rows."""
-    every = [*TIP, *TURN, "force", *(f"m{k}{axis}" for k in range(1, design.markers + 1) for axis in "xyz")]
-    rows, names, picked = [], [], []
-    for row in range(len(design)):
-        for column, name in enumerate(every):
-            if name in design.channels and (name == "force") == bool(design.stiffness[row]):
-                rows.append(row)
-                names.append(name)
-                picked.append(row * len(every) + column)
-    if not rows:
+    every = np.array([*TIP, *TURN, "force", *(f"m{k}{axis}" for k in range(1, design.markers + 1) for axis in "xyz")])
+    row, column = np.nonzero(np.isin(every, design.channels) & ((every == "force") == design.stiffness[:, None]))
+    if not row.size:
         raise BadCondition("channels: the table has neither tip positions, orientations, markers nor forces")
-    return Observations(np.array(rows), np.array(names), np.array(picked), reference, len(design))
+    return Observations(row, every[column], row * len(every) + column, reference, len(design))
 
 
 def channels(r: Readings, reference: Array) -> Array:

@@ -38,14 +38,19 @@ Sign = Literal["both", "positive", "blend"]
 """both: either way; positive: zero or more; blend: 0 (baseline) to 1 (the other law in full)."""
 
 
-def _add(names: Mapping[str, str], share: bool, q: Quantities, v: Values) -> None:
+def _add(names: Mapping[str, str | tuple[str, ...]], share: bool, q: Quantities, v: Values) -> None:
     for quantity, parameter in names.items():
         present = getattr(q, quantity)
-        setattr(q, quantity, present * (1 + v[parameter]) if share else present + v[parameter])
+        if isinstance(parameter, tuple):
+            more = vector(*(v[name] for name in parameter))
+        else:
+            more = v[parameter] if present.ndim == 2 else v[parameter][..., None]
+        setattr(q, quantity, present * (1 + more) if share else present + more)
 
 
-def adding(**names: str) -> Callable[[Quantities, Values], None]:
-    """The law that adds to each of some quantities a parameter: quantity=parameter."""
+def adding(**names: str | tuple[str, ...]) -> Callable[[Quantities, Values], None]:
+    """The law that adds to each of some quantities a parameter: quantity=parameter, to that of every actuator alike, or
+    quantity=(x, y[, z]) where it is a vector."""
     return partial(_add, names, False)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from model.condition import States
 from model.effects.design import TURN
-from model.effects.laws.measurement import frame_misalignment
+from model.effects.laws.measurement import force_bias, frame_misalignment
 from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
@@ -37,10 +37,6 @@ class VariationSource:
     spec: EffectSpec
     group: Group
     scope: Scope = "all"
-
-
-def _area(q: Quantities, v: Values) -> None:
-    q.area_factor = q.area_factor * (1 + v["excess"][..., None])
 
 
 def _modulus(q: Quantities, v: Values) -> None:
@@ -98,10 +94,6 @@ def _push_place(q: Quantities, v: Values) -> None:
     q.length = q.length + np.where(q.design.body, along, 0.0)
 
 
-def _zero(r: Readings, v: Values) -> None:
-    r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
-
-
 def _tolerance(
     id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all", standard: bool = False
 ) -> VariationSource:  # fmt: skip
@@ -114,7 +106,7 @@ def _each(unit: str, sd: float, *names: str, widest: float = 10.0) -> tuple[Para
     return tuple(Parameter(name, unit, sd, -widest * sd, widest * sd) for name in names or "xyz")
 
 
-AREA = EffectSpec("area", "actuation", "", (Parameter("excess", "1", 0.5, -0.9, 8.0),), Law(before=_area), "tolerance", "")
+AREA = _tolerance("area", "actuation", Law(before=growing(area_factor="excess")), Parameter("excess", "1", 0.5, -0.9, 8.0)).spec
 ANGLE = math.radians(0.1)
 ALWAYS = (
     _tolerance("youngs_modulus", "material", Law(before=_modulus), *_each("1", 0.02, "excess")),
@@ -133,7 +125,7 @@ BY_TRIAL = (
 )
 BY_PUSH = (
     _tolerance("touch", "measurement", Law(before=adding(contact_offset="late")), *_each("m", 0.3e-3, "late"), scope="push"),
-    _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
+    _tolerance("zero", "measurement", Law(after=force_bias), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
 )
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
 PUSH_PLACE = _tolerance("push_place", "measurement", Law(before=_push_place), *_each("m", 1e-3, "along"))

@@ -152,11 +152,11 @@ class Rods:
         out: Array = np.maximum(high - low, 0.0) / np.diff(cut)[:, None]
         return out
 
-    def refuse_terms(self, method: str, *further: str) -> None:
-        """Raise `BadCondition` where a field is used that `method` does not know: one that is neither BASIC nor `further`."""
+    def refuse_terms(self, method: str) -> None:
+        """Raise `BadCondition` where a field is used that `method` does not know: one that is not BASIC."""
         for name in self.form.fields():
             neutral = (0.0, 0.0, 1.0) if name == "rest_strain" else 0.0
-            if name in ("length", "bend_stiffness", "stretch_stiffness", "spring_direction", *BASIC, *further):
+            if name in ("length", "bend_stiffness", "stretch_stiffness", "spring_direction", *BASIC):
                 continue
             if np.any(self.field(name) != neutral):
                 raise BadCondition(f"{name}: must be {neutral} for the method {method}, which supports nothing else; use Fast")

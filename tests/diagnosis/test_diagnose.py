@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import truncnorm
 from threadpoolctl import threadpool_info
 
 from diagnosis.answer.locate import _parts
 from diagnosis.answer.result import FACTORS, STAGES, Attribute, Diagnosis
 from diagnosis.answer.sentences import SCATTERS, ramps_assumed
+from diagnosis.answer.size import cut_quantile
 from diagnosis.data.noise_components import PRESSURE
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
@@ -29,11 +31,12 @@ from diagnosis.judgement import LEAST_BITS
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects.tolerance import BY_TRIAL, REPEATS
 from model.robot import Uncertainty
-from recordings.trials import ORIENTATION
-from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
+from recordings.trials import ORIENTATION, Table
+from tests.diagnosis.small_campaigns import FEW, RIVALS, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
 from tests.diagnosis.test_case import ROBOT, Measured, case, row, states
 from tests.diagnosis.test_edits import FINGER, columns, read
 from tests.diagnosis.test_edits import campaign as marked
+from tests.model.effects.test_similarity import similar
 
 
 @few_and_all
@@ -237,3 +240,84 @@ def test_repeats_that_scatter_are_stated_in_mm() -> None:
     assert re.search(r"shifts in its mount by ([\d.]+) mm along each axis, [\d.]+ times as much as usual", scatter), scatter
     farthest = re.search(r"Farthest off is trial \d+ step \d+.*, where .* is ([\d.]+) mm from its repeats at the same", scatter)
     assert farthest is not None and float(farthest[1]) == pytest.approx(5.0, abs=2.0), scatter
+
+
+# -- sizes that physics bounds, and what robot.yaml says of how well its numbers are known
+@pytest.mark.parametrize(("mean", "low", "high"), [(0.3, -1.0, 2.0), (0.0, 5.0, np.inf), (0.0, -np.inf, -21.0), (4.0, 0.0, 0.5)])
+def test_quantiles_of_a_cut_normal_keep_their_digits_however_far_out_the_bounds_are(mean: float, low: float, high: float) -> None:
+    cut = truncnorm((low - mean) / 0.7, (high - mean) / 0.7, mean, 0.7)
+    for share in (0.05, 0.5, 0.95):
+        assert cut_quantile(mean, 0.7, low, high, share) == pytest.approx(cut.ppf(share), rel=1e-9, abs=1e-12)
+
+
+def test_no_payload_takes_more_off_the_tip_than_hangs_there() -> None:
+    case = measured(3, 1, FEW, tip_payload__mass=-0.2)
+    p = prepare(ROBOT, states(case)[0]).problem.parameters
+    assert p.lower[p.names.index("tip_payload.mass")] == -case.robot.tip_mass
+    found = diagnose(case, quick({e: CATALOGUE[e] for e in ("tip_payload", "pressure_offset", "base_tilt")}))
+    assert found.attribute.effects != ("tip_payload",) or found.attribute.conclusion != "cause"
+    said = [r.parameters.get("tip_payload.mass") for r in found.attribute.ranking]
+    assert all(v.value >= -case.robot.tip_mass for v in said if v is not None)
+
+
+TWO = {effect: CATALOGUE[effect] for effect in ("body_modulus", "chamber_azimuth")}
+
+
+def test_a_modulus_that_is_not_well_known_is_no_cause() -> None:
+    case = measured(2, 6, FEW, youngs_modulus__excess=0.15)
+    options = replace(quick(), catalogue=TWO)
+    assert diagnose(case, options).attribute.effects == ("body_modulus",)
+    known = ROBOT.model_copy(update={"uncertainty": Uncertainty(youngs_modulus=0.3)})
+    assert diagnose(replace(case, robot=known), options).attribute.verdict == "none"
+
+
+def test_a_tolerance_has_the_width_that_is_stated() -> None:
+    case = measured(1, 6, (0.0,))
+    known = ROBOT.model_copy(update={"uncertainty": Uncertainty(tilt=np.radians(2), density=0.05, area_factor=0.03)})
+    for robot, tilt, density, area in ((ROBOT, np.radians(0.1), 0.01, 0.5), (known, np.radians(2), 0.05, 0.03)):
+        infos = {p.name: p for p in prepare(robot, states(case)[0]).forward.parameters}
+        assert infos["tilt.x"].sd == pytest.approx(tilt) and infos["density.excess"].sd == pytest.approx(density)
+        assert infos["area.excess"].sd == pytest.approx(area)
+        assert infos["density.excess"].low >= -0.8 and infos["frame_shift.x"].sd == pytest.approx(1.6e-3)
+
+
+# -- a similar robot has the same names and probabilities, and sizes of its own scale
+def scaled(campaign: Measured, length: float, modulus: float) -> Measured:
+    """The same campaign of a similar robot, seen by cameras as good for its size."""
+    rows = (
+        replace(
+            r,
+            pressures=tuple(modulus * p for p in r.pressures),
+            rate=modulus * (r.rate or 0.0),
+            spine_length=length * r.spine_length,
+            tip=None if r.tip is None else (length * r.tip[0], length * r.tip[1], length * r.tip[2]),
+        )
+        for r in campaign.table
+    )
+    return Measured(similar(campaign.robot, length, modulus), Table.of(rows))
+
+
+def test_a_campaign_that_is_done_faster_or_slower_has_the_same_cause_with_the_same_probability() -> None:
+    campaign, some = measured(2, 1, FEW, viscoelastic__slow=0.2), {e: CATALOGUE[e] for e in ("viscoelastic", RIVALS[0])}
+
+    def cause(slower: float) -> Attribute:
+        rows = [replace(r, t=slower * r.t, hold=slower * r.hold, rate=(r.rate or 0.0) / slower) for r in campaign.table]
+        return diagnose(Measured(campaign.robot, Table.of(rows)), quick(some)).attribute
+
+    faster, slower = cause(0.1), cause(10.0)
+    assert faster.effects == slower.effects == ("viscoelastic",)
+    assert faster.probability == pytest.approx(slower.probability, abs=0.02)
+
+
+def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:
+    campaign = measured(2, 1, FEW, chamber_ballooning__growth=0.12)
+    rivals = {effect: SOME[effect] for effect in ("chamber_ballooning", "pressure_offset", "base_tilt")}
+    given, small = (diagnose(c, quick(rivals)) for c in (campaign, scaled(campaign, 0.3, 0.2)))
+
+    def growth(d: Diagnosis) -> float:
+        return d.attribute.ranking[0].parameters["chamber_ballooning.growth"].value
+
+    assert given.attribute.effects == small.attribute.effects == ("chamber_ballooning",)
+    assert small.attribute.conclusion == given.attribute.conclusion
+    assert small.attribute.probability == pytest.approx(given.attribute.probability, abs=0.05)
+    assert growth(small) == pytest.approx(growth(given), rel=0.05)

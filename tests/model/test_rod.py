@@ -1,6 +1,9 @@
 """The converged rod and the paper's method against independent values, closed forms and symmetries."""
 
+import subprocess
+import sys
 from collections.abc import Callable
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Paper, Status
-from model.section import body_area, rods_of
+from model.section import body_of, rods_of
 from tests.model.rods.cases import PRESSURES, REFERENCE, solved
 
 Bending = Callable[..., States]
@@ -27,7 +30,7 @@ def test_tips_agree_with_the_twenty_reference_values(reference_robot: Robot, ben
 
 def test_unpressurised_it_hangs_straight_and_stretches_by_its_weight(paper_robot: Robot) -> None:
     state = conditions(paper_robot, 0.0, np.zeros(9), tip_mass=0.25)
-    length, area = paper_robot.length, body_area(paper_robot)
+    length, area = paper_robot.length, body_of(paper_robot).mean_area
     stretch = (0.25 * 9.81 * length + 1300 * area * 9.81 * length**2 / 2) / (paper_robot.youngs_modulus * area)
     np.testing.assert_allclose(solved(paper_robot, state).tip[0], [0, 0, length + stretch], atol=1e-10)
 
@@ -93,3 +96,15 @@ def test_what_shooting_cannot_close_is_flagged(paper_robot: Robot) -> None:
 def test_a_step_count_without_sense_is_refused(paper_robot: Robot) -> None:
     with pytest.raises(BadCondition, match="steps: 0"):
         Paper(steps=0)
+
+
+# -- what is compiled ahead is what is asked for later
+def test_rod_and_fakes_are_compiled_for_the_same_processor_whichever_is_imported_first() -> None:
+    """Machine code on disk is found by what the processor is told to be: else one of the two is compiled anew."""
+    code = "import importlib, sys; [importlib.import_module(name) for name in sys.argv[1:]]\n"
+    code += "from numba.core.registry import cpu_target; print(cpu_target.target_context.codegen().magic_tuple())"
+    told = {
+        subprocess.run([sys.executable, "-c", code, *order], capture_output=True, text=True, check=True).stdout
+        for order in permutations(("model.rods", "sim_fakes.virtual_robot"))
+    }
+    assert len(told) == 1 and told != {""}

@@ -1,17 +1,19 @@
-"""A setting that changes at a panel while the rig is open: the rig lands before the robot notices."""
+"""A setting that changes at a panel, at the arm's pendant or in the spine's servo: the rig lands, or does not move."""
 
 import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+import yaml
 from house import House, until
 
-from drivers.errors import InstrumentError, NoReply, WrongDevice
+from drivers.errors import InstrumentError, NoReply, NotReady, WrongDevice
 from drivers.interfaces import PressureSample
 from lab.guard.limit_monitor import DriverSettings
 from lab.rig.assembly import Rig
 from sim_fakes.alicat import AlicatFake
+from sim_fakes.dynamixel import DynamixelFake
 from tests.simulated.bench import raises
 
 HELD = 60e3
@@ -139,3 +141,60 @@ def test_noise_and_ramps_are_no_jump(readings: Any) -> None:
     settings = DriverSettings({"pressure": Driver()})
     found: Callable[[PressureSample], bool] = lambda sample: settings.may_have_changed("pressure", sample)  # noqa: E731
     assert not any(found(reading(*values)) for values in readings)
+
+
+# -- what changes at the arm's pendant or in the spine's servo between two trials
+SHUTDOWN, SHUTDOWN_AS_DELIVERED = 63, 52
+
+
+@pytest.fixture
+def with_arm(house: House) -> Iterator[Rig]:
+    arm = yaml.safe_load(house.rig.read_text())["instruments"]["arm"]
+    house.change(without=("mocap",), instruments={"arm": {**arm, "watchdog_frequency": 2.0, "timeout": 3.0}})
+    with house.opened() as opened:
+        yield opened
+
+
+def move_the_arm(with_arm: Rig) -> None:
+    pose = list(with_arm.streams["arm_state"].latest().tcp_pose)
+    with_arm.actuators.arm.move_to((*pose[:2], pose[2] + 0.005, *pose[3:]), 0.05, 0.3)
+    assert until(lambda: not with_arm.actuators.arm.moving())
+
+
+@pytest.mark.parametrize(
+    ("change", "back", "error", "message"),
+    [
+        ({"payload": 2.5}, {"payload": 0.8}, WrongDevice, "payload is now 2.500 kg, needed as at open 0.800 kg"),
+        ({"slider": 0.0}, {"slider": 1.0}, NotReady, "speed slider is at 0%"),
+    ],
+    ids=["payload", "slider"],
+)
+def test_the_arm_does_not_move_after_the_pendant_was_changed(
+    house: House, with_arm: Rig, change: dict[str, Any], back: dict[str, Any], error: type[InstrumentError], message: str
+) -> None:
+    ur = house.fakes.ur
+    assert ur is not None
+    move_the_arm(with_arm)
+    with_arm.actuators.pressure.vent()
+    ur.backdoor("set", **change)
+    ur.backdoor("forget")
+    try:
+        with pytest.raises(error, match=message):
+            move_the_arm(with_arm)
+        assert not any(command["name"] == "movel" for command in ur.backdoor()["commands"])
+    finally:
+        ur.backdoor("set", **back)
+
+
+def test_the_spine_does_not_move_after_its_servo_was_changed(house: House, with_arm: Rig) -> None:
+    servo = house.fakes.lines["spine"]
+    assert isinstance(servo, DynamixelFake)
+    with_arm.actuators.spine.home()
+    with_arm.actuators.pressure.vent()
+    servo.motor.put(SHUTDOWN, 0)
+    try:
+        with pytest.raises(WrongDevice, match=r"shutdown \(register 63\) is 0, needed 52"):
+            with_arm.actuators.spine.home()
+        assert until(lambda: with_arm.vital.landed is not None)
+    finally:
+        servo.motor.put(SHUTDOWN, SHUTDOWN_AS_DELIVERED)

@@ -11,7 +11,7 @@ from model.arrays import Ints
 from model.condition import USED
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers, chambers_apart, directions_apart, set_points
-from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.effects.spec import EffectSpec, Law, Parameter, Values, adding
 from model.robot import Robot
 
 DEADBAND_SOFTNESS = 0.2
@@ -127,10 +127,6 @@ def _areas(robot: Robot, v: Values) -> np.ndarray:
 
 def _chamber_gain(q: Quantities, v: Values) -> None:
     q.area_factor = q.area_factor * _areas(q.robot, v)
-
-
-def _chamber_azimuth(q: Quantities, v: Values) -> None:
-    q.azimuth = q.azimuth + v["angle"][..., None]
 
 
 def _chamber_twist(q: Quantities, v: Values) -> None:
@@ -257,7 +253,7 @@ SPECS = (
         stage="actuation",
         equation="azimuth_i = azimuth_i,drawn + d",
         parameters=(Parameter("angle", "rad", math.radians(6), -0.6, 0.6),),
-        law=Law(before=_chamber_azimuth),
+        law=Law(before=adding(azimuth="angle")),
         citation="geometry",
         exact=True,
         seen_best_in="tip out of the bending plane",

@@ -24,8 +24,9 @@ def _marker_offset(r: Readings, v: Values) -> None:
     r.tip = r.tip + to_base(r.orientation, vector(x, y, v["z"]))
 
 
-def _force_bias(r: Readings, v: Values) -> None:
-    r.force = r.force + np.where(r.design.stiffness, v["bias"], 0.0)
+def force_bias(r: Readings, v: Values) -> None:
+    (bias,) = v.values()
+    r.force = r.force + np.where(r.design.stiffness, bias, 0.0)
 
 
 SPECS = (
@@ -60,7 +61,7 @@ SPECS = (
         stage="measurement",
         equation="F_read = F + b",
         parameters=(Parameter("bias", "N", 0.1, -2.0, 2.0),),
-        law=Law(after=_force_bias),
+        law=Law(after=force_bias),
         citation="zero error of the sensor",
         shown=pushes,
         seen_best_in="stiffness trials: the intercept",

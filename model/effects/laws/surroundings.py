@@ -8,16 +8,12 @@ import numpy as np
 
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers
-from model.effects.spec import EffectSpec, Law, Parameter, Values, growing, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Values, adding, growing, vector
 from model.rotation import rolled
 
 OBSTACLE = 0.175
 """Robot lengths from the axis at which an obstacle is looked for first."""
-
-
-def _tether_load(q: Quantities, v: Values) -> None:
-    q.tip_force = q.tip_force + vector(v["x"], v["y"])
-    q.tether = q.tether + v["spring"]
+base_tilt = adding(base_turn=("x", "y"))
 
 
 def _tip_payload(q: Quantities, v: Values) -> None:
@@ -27,24 +23,21 @@ def _tip_payload(q: Quantities, v: Values) -> None:
     q.payload_place = q.payload_place + vector(x, y, v["z"])
 
 
-def _chamber_thrust(q: Quantities, v: Values) -> None:
-    """The `share` of the chambers' thrust P A that the side walls take. How it gets into them differs from body to body:
-    `borne` b and `growth` g are 0 for thrust that is in the walls from the cap on.
+_chamber_thrust = adding(thrust_on_walls="share", thrust_borne="borne", thrust_growth="growth")
+"""The `share` of the chambers' thrust P A that the side walls take. How it gets into them differs from body to body:
+`borne` b and `growth` g are 0 for thrust that is in the walls from the cap on.
 
-    - Stretch: walls stretch by all of P A where they are free to. Traction of a liner that sticks all along leaves half of it,
-      fibres or a bonded spine none, and a lever shorter than drawn, which a larger area makes up for, more than P A: b = 0,
-      1/2, 1 and below 0, a scale of 1/2.
-    - Moment: it enters the section as the force does, over a length l from the cap (Saint-Venant's decay; shear lag), or it is
-      missing over l at the base. Of 1 - exp(-(L - s) / l), what a tip shows besides the mean is the first moment along the arc,
-      g = -2 (l / L) (1 - 2 l / L) / (1 - l / L): -0.2 and -0.35 for l of a radius and of a diameter of a body four diameters
-      long, above 0 at the base, -2/3 for traction all along. A scale of 1/3; more of it lies near the cap.
+- Stretch: walls stretch by all of P A where they are free to. Traction of a liner that sticks all along leaves half of it,
+  fibres or a bonded spine none, and a lever shorter than drawn, which a larger area makes up for, more than P A: b = 0,
+  1/2, 1 and below 0, a scale of 1/2.
+- Moment: it enters the section as the force does, over a length l from the cap (Saint-Venant's decay; shear lag), or it is
+  missing over l at the base. Of 1 - exp(-(L - s) / l), what a tip shows besides the mean is the first moment along the arc,
+  g = -2 (l / L) (1 - 2 l / L) / (1 - l / L): -0.2 and -0.35 for l of a radius and of a diameter of a body four diameters
+  long, above 0 at the base, -2/3 for traction all along. A scale of 1/3; more of it lies near the cap.
 
-    A share that changes with the pressure needs no shape: it is what the error of a law may be, a smooth factor on what it does.
-    Nor does one of normal pressure that changes along the arc, which acts as a constant one does.
-    """
-    q.thrust_on_walls = q.thrust_on_walls + v["share"]
-    q.thrust_borne = q.thrust_borne + v["borne"]
-    q.thrust_growth = q.thrust_growth + v["growth"]
+A share that changes with the pressure needs no shape: it is what the error of a law may be, a smooth factor on what it does.
+Nor does one of normal pressure that changes along the arc, which acts as a constant one does.
+"""
 
 
 def _contact(q: Quantities, v: Values) -> None:
@@ -53,10 +46,6 @@ def _contact(q: Quantities, v: Values) -> None:
     q.plane_distance = OBSTACLE * q.robot.length + v["distance"]
     q.plane_direction = np.array(rolled(v["turn"], *q.plane_direction))
     q.plane_lever = q.plane_lever + v["lever"]
-
-
-def base_tilt(q: Quantities, v: Values) -> None:
-    q.base_turn = q.base_turn + vector(v["x"], v["y"])
 
 
 def _base_compliance(q: Quantities, v: Values) -> None:
@@ -96,7 +85,7 @@ SPECS = (
             Parameter("y", "N", 0.35 / math.sqrt(2), -3.0, 3.0),
             Parameter("spring", "N/m", 2.0, 0.0, 40.0, sign="positive"),
         ),
-        law=Law(before=_tether_load),
+        law=Law(before=adding(tip_force=("x", "y"), tether="spring")),
         citation="statics of hoses and cables",
         seen_best_in="roll the robot: its direction stays fixed in the world",
     ),

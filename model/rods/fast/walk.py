@@ -10,7 +10,7 @@ from model.rods.fast.algebra import add, scaled, turned, turned_back
 from model.rods.fast.compiler import kernel, routine
 from model.rods.fast.direct import put_three
 from model.rods.fast.equations import RodSection, strains
-from model.rods.fast.group import ROD, Rod, RodGroup, cut, fixed_cut, gather, new_group, section_of
+from model.rods.fast.group import ROD, Rod, RodGroup, cut, fixed_cut, gather, new_group, section_of, three
 from model.rods.fast.lanes import LANES
 from model.rods.fast.passes import WHOLE, advance, advance_group, orientation, start_at_tip
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
@@ -33,9 +33,8 @@ def write_station(rod: Rod, section: RodSection, solved: Array, row: int, out: A
     """Write the state at `rod.beside` as station s of a row."""
     there = rod.beside
     q = orientation(there)
-    tip = (solved[row, AT_TIP], solved[row, AT_TIP + 1], solved[row, AT_TIP + 2])
     found = out[row]
-    put_three(found, s, AT_PLACE, add(tip, scaled(-1.0, turned(q, there.r))))
+    put_three(found, s, AT_PLACE, add(three(solved, row, AT_TIP), scaled(-1.0, turned(q, there.r))))
     found[s, AT_TURN], found[s, AT_TURN + 1], found[s, AT_TURN + 2], found[s, AT_TURN + 3] = q
     put_three(found, s, AT_FORCE, there.force)
     put_three(found, s, AT_MOMENT, turned(q, there.m))
@@ -69,13 +68,9 @@ def stand_at_tip(rods: Array, group: RodGroup, solved: Array, grid: tuple[float,
     for l in range(LANES):
         rod, row = Rod(group.work, l), min(first + l, rods.shape[0] - 1)
         rod.largest_moment = solved[row, AT_LARGEST]
-        rod.tip.turn = (
-            solved[row, AT_ORIENTATION],
-            solved[row, AT_ORIENTATION + 1],
-            solved[row, AT_ORIENTATION + 2],
-            solved[row, AT_ORIENTATION + 3],
-        )
-        rod.tip.place = (solved[row, AT_TIP], solved[row, AT_TIP + 1], solved[row, AT_TIP + 2])
+        x, y, z = three(solved, row, AT_ORIENTATION + 1)
+        rod.tip.turn = (solved[row, AT_ORIENTATION], x, y, z)
+        rod.tip.place = three(solved, row, AT_TIP)
     cut(group, grid[0])
     fixed_cut(group, grid[1], first)
 

@@ -1,4 +1,4 @@
-"""The fake relay module and the fake gauge, asked what their drivers never ask."""
+"""The fake relay module, the fake gauge and the fake ITV, asked what their drivers never ask."""
 
 import pytest
 import serial
@@ -6,7 +6,8 @@ import serial
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake, checksum
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench
+from sim_fakes.smc_itv import SmcItvFake
+from tests.simulated.bench import Bench, started_fake
 
 
 @pytest.fixture
@@ -56,3 +57,42 @@ def test_a_telegram_that_is_not_exact_or_not_for_this_gauge_meets_silence(gauge:
     gauge.write(request_)
     gauge.timeout = 0.2
     assert gauge.read(1) == b""
+
+
+# -- the ITV
+fake = started_fake(SmcItvFake, chambers=(4, 5), seed=3)
+
+
+@pytest.fixture
+def itv(bench: Bench, fake: SmcItvFake) -> serial.Serial:
+    return bench.closing(serial.serial_for_url(fake.port, 9600, timeout=20))
+
+
+def told(itv: serial.Serial, words: str) -> str:
+    itv.write(words.encode() + b"\r\n")
+    return str(itv.read_until(b"\r\n").decode().strip())
+
+
+def test_steps_of_two_go_up_and_down_and_stop_at_the_ends(itv: serial.Serial) -> None:
+    assert told(itv, "DEC") == "OUT OF RANGE"
+    assert [told(itv, "INC"), told(itv, "INC"), told(itv, "DEC")] == ["2", "4", "2"]
+
+
+@pytest.mark.parametrize("words", ["SET 1024", "SET 99999"])
+def test_set_points_out_of_range_are_refused_and_change_nothing(itv: serial.Serial, fake: SmcItvFake, words: str) -> None:
+    assert told(itv, words) == "OUT OF RANGE"
+    assert fake.device.setpoint == 0
+
+
+@pytest.mark.parametrize("words", ["SET", "SET -1", "SET  5", "set 5", "SET 5.0", "WHO", ""])
+def test_what_is_not_exact_is_an_unknown_command(itv: serial.Serial, words: str) -> None:
+    assert told(itv, words) == "UNKNOWN COMMAND"
+
+
+def test_a_line_without_carriage_return_and_line_feed_is_not_a_line(itv: serial.Serial) -> None:
+    itv.write(b"SET 5\r")
+    itv.timeout = 0.1
+    assert itv.read(10) == b""
+    itv.timeout = 20
+    itv.write(b"\n")
+    assert itv.read_until(b"\r\n") == b"5\r\n"
