@@ -32,7 +32,7 @@ def shifted(states: Table, length: float, place: Callable[[int], str] | None = N
     given = (np.linalg.norm(table.tip, axis=1) <= FARTHEST * length) & np.isfinite(table.pressures).all(axis=1)
     if given.sum() < judgement.SHIFT_LEAST:
         return
-    terms = _terms(table, min(int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM, judgement.SHIFT_TERMS))
+    terms = terms_of(table, min(int(given.sum()) // judgement.SHIFT_ROWS_PER_TERM, judgement.SHIFT_TERMS))
     runs = {by: _run(table.tip, given, terms, by) for by in judgement.SHIFTS}
     by = min(runs, key=lambda by: float(np.nanmean(runs[by][-1])))
     there, off, way, left = runs[by]
@@ -75,7 +75,7 @@ def _run(tip: Array, given: Mask, terms: Array, by: int) -> tuple[Mask, Array, A
     return there, off, way, np.where(there, other, own)
 
 
-def _terms(table: Table, most: int) -> Array:
+def terms_of(table: Table, most: int) -> Array:
     """(n, terms) products of the settings that vary, up to the degree of which there are no more than `most`."""
     gaps = [*[pressure_gap(table)] * table.pressures.shape[1], *LOADS.values()]
     settings = np.nan_to_num(np.column_stack([table.pressures, *(table.get(name, 0.0) for name in LOADS)]))

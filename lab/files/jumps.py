@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
+from diagnosis import judgement
 from diagnosis.arrays import rows_by
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of, finite
 from diagnosis.data.levels import REST, SPINE_GAP, distinct, levels, loads
 from diagnosis.data.plausible import FARTHEST
+from diagnosis.data.shift import terms_of
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
-from recordings.trials import Table, marker_columns
+from recordings.trials import Table, marker_columns, pressure_columns
 
 from .robot_numbers import ABOVE
 
@@ -56,6 +58,13 @@ SLIPPED = 3.0
 ALONE, MUCH_LESS = 0.02, 0.2
 """Robot lengths beyond which a place is no repeat, though below `STRAY`, if those before and after are off by less than this
 share of it: pressures of one setting differ by up to 2 % of their range, which moves a tip by up to 0.02 lengths."""
+EXCHANGED, EXCHANGED_SHARE = 3.0, 0.1
+"""Times the usual distance from a surface, and share of its own, up to which a state with two pressures exchanged lies on it."""
+TIMES_UNREPEATED, KNOWN = 30.0, 0.5
+"""Times the usual distance beyond which a place that nobody repeated is a mistake: of 9,000 made-up tables in which bodies snap,
+touch, saturate or lag none has one off by 20 between states that are not; and leverage below which others show where it is."""
+MOST_TERMS, WEAK = 60, 0.01
+"""Of a polynomial of places; and states, as many as which hold each of its factors near zero: one state alone shows none."""
 AT_ONCE = 2**20
 """Distances that are computed at once."""
 BODIES = ("the tip", *(f"marker {k}" for k in range(1, 100)))
@@ -183,13 +192,15 @@ def believed(table: Table, robot: Robot, place: Callable[[int], str] | None = No
 
 
 def unusable(table: Table, robot: Robot, place: Callable[[int], str], written_twice: bool = False) -> tuple[list[int], list[str]]:
-    """Rows of states with slips, and that repeat others to the last digit (`written_twice`: with their times); and what to say of
-    them, where `place` names each."""
+    """Rows of states with slips, that are `misread`, or that repeat others to the last digit (`written_twice`: with their times),
+    and what to say of them, where `place` names each."""
     every = np.flatnonzero(table.with_tip & finite(table))
     if not every.size:
         return [], []
     slipped = {int(every[state]): text for state, text in slips(table.take(every), robot)}
-    time, found = table.get("t"), copies(campaign_of(table, np.setdiff1d(every, [*slipped]), every[:0]))
+    own = campaign_of(table, np.setdiff1d(every, [*slipped]), every[:0])
+    time, found = table.get("t"), copies(own)
+    slipped |= misread(own, robot)
     repeated = [(rows, of) for rows, of in found if not written_twice or np.array_equal(time[rows], time[of])]
     said = [f"{place(row)}: {text}" for row, text in slipped.items()]
     for blocks in repeated:
@@ -257,8 +268,8 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
     """Places (state, body) far from those in all states of other trials at the same pressures and loads, however reached, by
     `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or `ALONE` where the states before and after are not, and
-    those out of reach; and what to say of each; of two states, both. None where more than `FEW` of all states are so: the
-    readings of that table are like that."""
+    those out of reach; and what to say of each; of two states, both, or the one `off_surface` of the others. None where more than
+    `FEW` of all states are so: the readings of that table are like that."""
     pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
     setting = distinct(loads(own.trials), *pressures)
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
@@ -278,6 +289,9 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
         far = np.flatnonzero(off > max(TIMES_SCATTER * usual, ALONE * length))
         far = far[[off[i] > STRAY * length or _alone(own, place, nearest, off, setting, i) for i in far.tolist()]]
+        if far.size:
+            distance, stray, leverage = off_surface(own.trials, place, reach <= FARTHEST * length, length)
+            far = far[~(stray & (leverage < KNOWN))[nearest[far]] | (distance[far] >= MUCH_LESS * off[far])]
         for i in far.tolist() if len(far) <= FEW * len(own) else ():
             away = f"{1e3 * off[i]:.1f} mm from all its repeats, usually {1e3 * usual:.2g} mm: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
@@ -290,10 +304,57 @@ def _alone(own: Campaign, place: Array, nearest: Ints, off: Array, setting: Ints
     from scipy.optimize import lsq_linear
 
     around, own_trial = [i - 1, i + 1], own.trial == own.trial[i]
-    if not 0 < i < len(own) - 1 or not own_trial[around].all() or not (off[around] < MUCH_LESS * off[i]).all():
+    if not _between(own, off, i):
         return False
-    peak = (own.highest[around] < own.highest[i]).all()
     beside = np.linalg.norm(place[own_trial & (setting == setting[i])] - place[i], axis=1) < 0.5 * off[i]
     steps, error = place[around] - place[nearest[i]], place[i] - place[nearest[i]]
     left = np.linalg.norm(lsq_linear(steps.T, error, (-1.0, 1.0)).fun)
-    return bool(not peak and beside.sum() == 1 and left > 0.5 * off[i])
+    return bool(beside.sum() == 1 and left > 0.5 * off[i])
+
+
+def _between(own: Campaign, off: Array, i: int) -> bool:
+    """Whether those before and after state i in its trial are `off` (m) much less, and it is at no peak: it may snap there."""
+    around = [i - 1, i + 1]
+    inside = 0 < i < len(own) - 1 and (own.trial[around] == own.trial[i]).all() and (off[around] < MUCH_LESS * off[i]).all()
+    return bool(inside and (own.highest[around] >= own.highest[i]).any())
+
+
+def off_surface(states: Table, place: Array, seen: Mask, length: float) -> tuple[Array, Mask, Array]:
+    """m (n,) from places (n, 3) to a polynomial in pressures and loads, fitted by least squares to the others of `seen` (n,) that
+    are not far; which are far, as for `strays`; and leverages (n,): above 1 no other state is near."""
+    every = terms_of(states, min(int(seen.sum()) // judgement.SHIFT_ROWS_PER_TERM, MOST_TERMS))
+    far = ~seen
+    for _ in range(judgement.SHIFT_ROUNDS):
+        used = seen & ~far
+        inverse = np.linalg.inv(every[used].T @ every[used] + WEAK * np.eye(every.shape[1]))
+        leverage = ((every @ inverse) * every).sum(axis=1)
+        missed = place - every @ (inverse @ (every[used].T @ place[used]))
+        off = np.linalg.norm(missed, axis=1) / np.where(used, 1 - leverage, 1.0)
+        far = off > max(TIMES_SCATTER * float(np.median(off[seen])), STRAY * length)
+        if np.array_equal(used, seen & ~far):
+            break
+    return off, far, leverage
+
+
+def misread(own: Campaign, robot: Robot) -> Iterator[tuple[int, str]]:
+    """States whose tip is far `off_surface`, but on it with two of their pressures exchanged; or by `TIMES_UNREPEATED` times what
+    is usual, at pressures of no other state, between states that are on it, and at no peak; and what to say of each. None where
+    more than `FEW` of all states are far: the surface is not theirs."""
+    seen, words = np.linalg.norm(own.tip, axis=1) <= FARTHEST * robot.length, robot.actuators.words
+    rows = np.flatnonzero(off_surface(own.trials, own.tip, seen, robot.length)[1] & seen) if seen.any() else np.arange(0)
+    if not 0 < len(rows) <= FEW * len(own):
+        return
+    far, pairs = own.trials.take(rows), list(combinations(pressure_columns(own.pressure.shape[1]), 2))
+    both = Table.stacked([own.trials, *(far.replaced({a: far[b], b: far[a]}) for a, b in pairs)])
+    seen = np.append(seen, np.zeros(len(both) - len(own), bool))
+    off, _, leverage = off_surface(both, both.tip, seen, robot.length)
+    usual, lefts = float(np.median(off[seen])), np.where(leverage < 1, off, np.inf)[len(own) :].reshape(len(pairs), -1).T
+    for i, left in zip(rows.tolist(), lefts, strict=True):
+        away = f"the tip is {1e3 * off[i]:.1f} mm from where the other states put it, usually {1e3 * usual:.2g} mm"
+        alone = np.count_nonzero(np.abs(own.pressure - own.pressure[i]).max(axis=1) <= own.pressure_gap) == 1
+        if left.min(initial=np.inf) < min(EXCHANGED * usual, EXCHANGED_SHARE * off[i]):
+            pair = " and ".join(column[1:] for column in pairs[left.argmin()])
+            exchange = f"{words.pressures} {pair} are exchanged: {away}, and with these exchanged {1e3 * left.min():.1f} mm"
+            yield int(own.row[i]), f"{exchange}: left out; correct the cells"
+        elif off[i] > TIMES_UNREPEATED * usual and leverage[i] < KNOWN and alone and _between(own, off, i):
+            yield int(own.row[i]), f"{away}: left out"

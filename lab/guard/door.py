@@ -453,8 +453,11 @@ class _Talk:
 def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, LandingAnswer | None]:
     """Ask these guards, or all of this computer, in parallel (`what`: who or land); each once, with its answer or None."""
     until, accounts, own_rig = timing.now() + WHO_WITHIN, believed_accounts(rig), addresses is None
-    where = _all_addresses() if addresses is None else addresses
-    talks = [_Talk(address, what, accounts, own_rig, until) for address in where]
+    if addresses is None:  # the kernel's table of sockets has one line for each connection too
+        with open("/proc/net/unix", encoding="utf-8", errors="replace") as table:
+            found = {line.rsplit(None, 1)[-1] for line in table if f" @{PREFIX}" in line}
+        addresses = ["\0" + name[1:] for name in sorted(found)]
+    talks = [_Talk(address, what, accounts, own_rig, until) for address in addresses]
     open_talks = talks
     while open_talks:
         lines = {talk.line: talk for talk in open_talks if talk.line is not None}
@@ -515,13 +518,6 @@ def _bound(name: str) -> socket.socket | None:
         raise
     listening.listen(BACKLOG)
     return listening
-
-
-def _all_addresses() -> list[str]:
-    """The names of all guards of this computer, from the kernel's table of sockets (one line for each connection too)."""
-    with open("/proc/net/unix", encoding="utf-8", errors="replace") as table:
-        found = {line.rsplit(None, 1)[-1] for line in table if f" @{PREFIX}" in line}
-    return ["\0" + name[1:] for name in sorted(found)]
 
 
 def _connect(line: socket.socket, address: str) -> None:

@@ -60,22 +60,17 @@ def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -
     why = "the guard was lost"
     report = make_safe_with_new_guard(file, clock, names, why, unlock=True)
     if left := [s.instrument for s in report.steps if not s.confirmed and s.instrument in names]:
-        go_on_landing(file, left, why)
+        nowhere = subprocess.DEVNULL  # a process opens and lands them for `LIVES_ON` host seconds at most, and unlocks the rig
+        process = start_child("lab.guard.new_guard", stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
+        RESCUING.append(process)
+        assert process.stdin is not None
+        with process.stdin as asked:
+            asked.write(json.dumps([file.model_dump_json(), str(file.path or ""), left, why]).encode())
     return report
 
 
 RESCUING: list[Child] = []
 """Processes that this program has started for it."""
-
-
-def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
-    """Start a process that opens and lands these instruments for `LIVES_ON` host seconds at most, and unlocks the rig."""
-    nowhere = subprocess.DEVNULL
-    process = start_child("lab.guard.new_guard", stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
-    RESCUING.append(process)
-    assert process.stdin is not None
-    with process.stdin as asked:
-        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why]).encode())
 
 
 def main() -> int:

@@ -145,17 +145,13 @@ def _rows(arrays: Sequence[NDArray[Any]]) -> int:
     single = {s[0] for s in shapes if len(s) == 1}
     if not single:
         first, second = {s[0] for s in shapes}, {s[1] for s in shapes}
-        on_side = len(second) == 1 and min(second) > max(first) if len(shapes) > 1 else _lies_on_its_side(arrays[0])
+        on_side = len(second) == 1 and min(second) > max(first)
+        if len(shapes) == 1:  # an array alone lies on its side if it is very wide, or if time runs along its second dimension
+            (table,), ((high, wide),) = arrays, shapes
+            rises = [len(line) > 1 and bool((np.diff(line) > 0).all()) for line in (table[0], table[:, 0])]
+            on_side = wide >= 20 * high or (wide > high and rises == [True, False])
         single = second if on_side else first if len(first) == 1 else {max(s) for s in shapes}
     return max(single, key=lambda n: (sum(n in s for s in shapes), n))
-
-
-def _lies_on_its_side(table: Array) -> bool:
-    """Whether the rows of a table alone run along its second dimension: it is very wide, or time does."""
-    high, wide = table.shape
-    rises = [len(line) > 1 and bool((np.diff(line) > 0).all()) for line in (table[0], table[:, 0])]
-    # an array alone that is this wide lies on its side
-    return wide >= 20 * high or (wide > high and rises == [True, False])
 
 
 def _held(path: Path, given: Mapping[str, Any], name: str, place: str) -> Any:

@@ -44,7 +44,12 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     missing = tuple(missing_words) if isinstance(missing_words, list | tuple) else ()
     series = of_data_frame(frame, missing)
     columns = {name: _entry(series, entry) for name, entry in columns.items()}
-    entries = _own_names(series) | columns  # what the caller states goes before a column's own name
+    entries = dict(columns)  # what the caller states goes before a column's own name, in SI where the frame states no unit
+    for name in (*series.numbers, *series.words):
+        stated = heading(name, series.units.get(name, ""))
+        if (own := own_column(stated)) is not None:
+            told = stated.unit or own in TEXTS or re.fullmatch(r"p\d+", own)  # pressures in Pa are noted
+            entries.setdefault(own, {"column": name} | ({} if told else {"unit": unit_of(own)}))
     if not keys and set(REQUIRED) <= entries.keys():
         return _as_it_is(series, check(Source(CALL, {"columns": entries}, {}), Own).columns, robot)
     series = of_rows_in_turn(series, missing)
@@ -97,17 +102,6 @@ def _entry(series: Series, entry: Any) -> Any:
     if stated is None or stated[1] not in series.names:
         return {"column": entry}
     return {"column": stated[1], "unit": (unit_named(stated[2]) or ("", stated[2]))[1]}
-
-
-def _own_names(series: Series) -> dict[str, Any]:
-    """Entries for the columns that bear names of trials.csv; in SI where the frame states no unit."""
-    out: dict[str, Any] = {}
-    for name in (*series.numbers, *series.words):
-        stated = heading(name, series.units.get(name, ""))
-        if (own := own_column(stated)) is not None:
-            told = stated.unit or own in TEXTS or re.fullmatch(r"p\d+", own)  # pressures in Pa are noted
-            out.setdefault(own, {"column": name} | ({} if told else {"unit": unit_of(own)}))
-    return out
 
 
 def _as_map(keys: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:

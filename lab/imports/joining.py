@@ -20,7 +20,7 @@ from ..files.map_file import Column, Map, Name
 from ..files.units import KINDS
 from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, seconds, timeline, unit_of_steps
 from .headings import heading, is_unit, own_column, quantity, triples
-from .series import Series, Texts, axes_of, cleaned, listed, name_of, numbers, unit_in
+from .series import Series, axes_of, cleaned, listed, name_of, numbers, unit_in
 
 JOIN = "join them in time first (docs: data from elsewhere)"
 """The remedy where tables cannot be joined here."""
@@ -131,15 +131,6 @@ def at_times(at: Array, times: Array, values: Array, oldest: float) -> Array:
     return np.where(far, np.nan, np.where(leaps, values[nearest], np.interp(at, times, values)))
 
 
-def _words_at(at: Array, times: Array, words: Texts, oldest: float) -> Texts:
-    """The last words before other times; empty where the nearest are older than `oldest` (s)."""
-    seen = (words != "") & np.isfinite(times)
-    if not seen.any():
-        return np.full(len(at), "", np.str_)
-    before, _, _, far = _around(at, times[seen], oldest)
-    return np.where(far, "", words[seen][before])
-
-
 def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, Mask]:
     """Of times in order, those before, after and nearest to each of `at`, and whether the nearest is older than `oldest`."""
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, None)
@@ -166,7 +157,10 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
                 continue
             earlier = columns.get(heading_here)  # added by an earlier table of the same kind, which covers other times
             if values.dtype.kind == "U":
-                columns[heading_here] = _words_at(lead.t, times, np.asarray(values[order], np.str_), oldest)
+                texts, columns[heading_here] = np.asarray(values[order], np.str_), np.full(len(lead.t), "", np.str_)
+                if (seen := (texts != "") & np.isfinite(times)).any():  # the last words before each of the times
+                    before, _, _, far = _around(lead.t, times[seen], oldest)
+                    columns[heading_here] = np.where(far, "", texts[seen][before])
             else:
                 columns[heading_here] = at_times(lead.t, times, np.asarray(values[order], np.float64), oldest)
             if earlier is not None and earlier.dtype.kind == values.dtype.kind:
@@ -244,7 +238,12 @@ def asked(lead: Stream, others: Sequence[Stream]) -> str:
 
 def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     """Files with their maps; where each lacks columns that another one holds, joined in time. Raises ConfigError."""
-    lacked_keys = [_lacking(series, own_map) for series, own_map in read]
+    lacked_keys = list[frozenset[str]]()  # keys of the map whose column a file has not, but for its times
+    for series, own in read:
+        names: dict[str, list[Name | tuple[Name, Name, Name]]] = {n: [c.column] for n, c in own.columns.items() if n != "t"}
+        names |= {n: [*p.of, *p.against] for n, p in own.points.items()}
+        names |= {"orientation": list(own.orientation.columns)} if own.orientation else {}
+        lacked_keys.append(frozenset(k for k, of in names.items() if not all(_there(series, n, k in own.points) for n in of)))
     if len(read) < 2 or not all(lacked_keys) or frozenset.intersection(*lacked_keys):
         named = []  # some file is whole, or a key is in none of them
         for (series, own_map), keys in zip(read, lacked_keys, strict=True):
@@ -264,14 +263,6 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
         series = replace(series, questions=doubts, notes=(*notes, *series.notes))
         made.append((series, maps[id(lead)].model_copy(update={"columns": columns})))
     return made
-
-
-def _lacking(series: Series, wanted: Map) -> frozenset[str]:
-    """The keys of the map whose column a file has not, but for its times."""
-    names: dict[str, list[Name | tuple[Name, Name, Name]]] = {n: [c.column] for n, c in wanted.columns.items() if n != "t"}
-    names |= {n: [*p.of, *p.against] for n, p in wanted.points.items()}
-    names |= {"orientation": list(wanted.orientation.columns)} if wanted.orientation else {}
-    return frozenset(key for key, own in names.items() if not all(_there(series, name, key in wanted.points) for name in own))
 
 
 def _there(series: Series, name: Name | tuple[Name, Name, Name], point: bool) -> bool:

@@ -202,7 +202,7 @@ def conclude(
 
     Per file: times made to follow those of the file before, rows cut into states and numbered in groups, one per trial. Then of
     all: orientation and place of the straight robot, numbers of trials, checks, stiffness. `notes` are added to."""
-    straight, arcs = _straight_point(robot), robot.markers
+    straight = _straight_point(robot)
     read_files, parts, rows = [], list[Table](), list[tuple[int, int]]()
     group, start, origin = 0, 0.0, 0.0  # first trial of a file; s: end of the file before, begin of the first with dates
     for number, (series, q, own_map) in enumerate(every):
@@ -211,7 +211,13 @@ def conclude(
         origin = float(q.t[0]) if not number and absolute else origin
         q = q.with_columns({"t": q.t - (origin if absolute else 0.0)})
         if wanted.straight == "first row":
-            q = _straightened(q, straight, wanted.sensor, arcs)
+            tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
+            oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
+            shift = np.zeros_like(markers[0])  # a marker not seen in the first row stays where it is
+            known = min(len(robot.markers), len(shift))
+            shift[:known] = np.nan_to_num(np.outer(robot.markers[:known], AXES["z"]) - markers[0, :known])
+            placed = _placed(oriented, tip - tip[0] + np.array(wanted.sensor) + straight, markers + shift)
+            q = replace(q, table=_levered(placed, np.array(wanted.sensor)))
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = q.with_columns({"t": q.t - q.t[0] + start + BETWEEN_RUNS})
         trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
@@ -317,8 +323,11 @@ def _contradictions(states: Table, length: float) -> Iterator[str]:
             "unit), the frame, and columns x, y, z"
         )
     for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", MASS_GAP)):
-        share = follows_pressure(states, name, same)
-        if share > FOLLOWS:
+        values, terms = states.get(name, 0.0), np.column_stack([states.pressures, np.ones(len(states))])
+        if len(states) < 3 * terms.shape[1] or len(np.unique(levels(values, same))) < FEW_SETTINGS:
+            continue
+        missed = values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
+        if (share := 1 - missed.var() / values.var()) > FOLLOWS:
             yield (
                 f"columns.{name}: the pressures account for {100 * share:.0f} % of its changes, but a mounting does not change "
                 "with pressure: is this column another quantity?"
@@ -327,15 +336,6 @@ def _contradictions(states: Table, length: float) -> Iterator[str]:
     changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > MASS_GAP).sum())
     if changed > within.sum() / 2:
         yield f"tip_mass changes {changed} times between states of one trial: is this column really a mass at the tip?"
-
-
-def follows_pressure(states: Table, name: str, same: float) -> float:
-    """Share of the variance of a column that is linear in the pressures; 0 where it has few values, those within `same` alike."""
-    values, terms = states.get(name, 0.0), np.column_stack([states.pressures, np.ones(len(states))])
-    if len(states) < 3 * terms.shape[1] or len(np.unique(levels(values, same))) < FEW_SETTINGS:
-        return 0.0
-    missed = values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
-    return float(1 - missed.var() / values.var())
 
 
 def _demand_mounted(states: Table) -> None:
@@ -409,17 +409,6 @@ def _straight_point(robot: Robot) -> Array:
     """(3,) m: the end of the straight body, or the point beside it that robot.yaml states as tracked (marker_offset)."""
     stated = robot.effects.get("marker_offset", {})
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
-
-
-def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> FileRows:
-    """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
-    tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
-    oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
-    known = min(len(arcs), markers.shape[1])
-    shift = np.zeros_like(markers[0])
-    shift[:known] = np.nan_to_num(np.outer(arcs[:known], AXES["z"]) - markers[0, :known])
-    placed = _placed(oriented, tip - tip[0] + np.array(sensor) + straight, markers + shift)
-    return replace(q, table=_levered(placed, np.array(sensor)))
 
 
 def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
@@ -521,8 +510,11 @@ def _numbered(
         earlier.append((k + 1, usual))
         step[of_trial] = 1 + np.arange(len(of_trial))
         repeat[of_trial] = np.where((repeat[of_trial] != 0) & ("trial" in counted), repeat[of_trial], usual)
-        falls = np.where(_falling(highest[of_trial], gap), "unload", "load")
-        branch[of_trial] = np.where(branch[of_trial] == "", falls, branch[of_trial])
+        level, falls = 0.0, False  # whether the highest pressure fell last, as each state came
+        for state in of_trial.tolist():
+            if abs(highest[state] - level) > gap:
+                level, falls = highest[state], highest[state] < level
+            branch[state] = branch[state] or ("unload" if falls else "load")
     if again and "repeat" in counted:
         pairs = [(of_trials[a - 1], of_trials[b - 1]) for a, b, _ in again]
         differing = [name for name, cells in unmapped().items() if _sets_apart(cells, pairs)]
@@ -542,17 +534,6 @@ def _sets_apart(cells: NDArray[np.str_], pairs: Sequence[tuple[Ints, Ints]]) -> 
     words = [({*cells[a].tolist()}, {*cells[b].tolist()}) for a, b in pairs]
     apart = sum(len(a) == len(b) == 1 and a != b for a, b in words)
     return 2 * apart > len(pairs) and len(set().union(*(a | b for a, b in words))) <= max(2, len(pairs))
-
-
-def _falling(highest: Array, gap: float) -> list[bool]:
-    """Whether the highest pressure (n,) Pa of a trial fell last, as each state came; changes below `gap` (Pa) are none."""
-    out: list[bool] = []
-    level, falls = 0.0, False
-    for pressure in highest.tolist():
-        if abs(pressure - level) > gap:
-            level, falls = pressure, pressure < level
-        out.append(falls)
-    return out
 
 
 def _kinds(states: Table, trial: Ints, gap: float) -> list[tuple[int, ...]]:

@@ -202,13 +202,6 @@ class Stages:
         edges = [0, *(np.flatnonzero(np.diff(self.resting.astype(int))) + 1).tolist(), len(self.resting)]
         return [(a, b) for a, b in pairwise(edges) if 0 < a < b < len(self.resting) and self.resting[a]]
 
-    def level_length(self, below: float) -> float:
-        """The usual number of stages in which an inflated robot keeps its pressures within `below` (Pa)."""
-        moved = np.abs(np.diff(self.pressures, axis=0)).max(axis=1, initial=0.0) >= below
-        edges = np.flatnonzero(moved | (np.diff(self.resting.astype(int)) != 0)) + 1
-        lengths = [b - a for a, b in pairwise([0, *edges.tolist(), len(self.resting)]) if b > a and not self.resting[a]]
-        return float(np.median(lengths)) if lengths else 1.0
-
 
 def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tuple[Ints, tuple[str, ...]]:
     """(n,) trial of each row of one file, from 0, and notes about columns that change away from rest.
@@ -224,7 +217,11 @@ def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tu
     begins = np.concatenate([[False], np.diff(q.run) > 0])
     if by_rest and wanted.states.windows:
         begins[1:] |= stages.resting[1:] & ~stages.resting[:-1]
-    level_stages, used = stages.level_length(below), set[Change]()
+    moved = np.abs(np.diff(stages.pressures, axis=0)).max(axis=1, initial=0.0) >= below
+    edges = np.flatnonzero(moved | (np.diff(stages.resting.astype(int)) != 0)) + 1
+    # numbers of stages in which an inflated robot keeps its pressures
+    lengths = [b - a for a, b in pairwise([0, *edges.tolist(), len(stages.resting)]) if b > a and not stages.resting[a]]
+    level_stages, used = float(np.median(lengths)) if lengths else 1.0, set[Change]()
     for (a, b), here in zip(returns, stages.within(followed, returns), strict=True):
         used.update(here)
         if not here and not by_rest:

@@ -66,14 +66,13 @@ def _values(parameters: BaseModel, given: Any, table: str = "") -> Iterator[Valu
             yield from _values(value, raw, f"{table}{name}.")
         else:
             unit = unit_of(field) or ""
-            yield Value(f"{table}{name}", value, unit, _as_given(raw, value, unit))
-
-
-def _as_given(raw: Any, value: Any, unit: str) -> tuple[float, str]:
-    """Size and name of the unit in which a person wrote a parameter, else of the usual one."""
-    names = [plain_unit(re.sub(rf"\s*{NUMBER}\s*", "", str(one))) for one in (raw if isinstance(raw, list) else [raw])]
-    known, numbers = KINDS.get(unit, {}), [x for x in (value if isinstance(value, list) else [value]) if isinstance(x, float)]
-    return next(((known[name], name) for name in names if name in known), usual(unit, max(numbers, default=0.0)))
+            units = [plain_unit(re.sub(rf"\s*{NUMBER}\s*", "", str(one))) for one in (raw if isinstance(raw, list) else [raw])]
+            known, numbers = (
+                KINDS.get(unit, {}),
+                [x for x in (value if isinstance(value, list) else [value]) if isinstance(x, float)],
+            )
+            written = next(((known[own], own) for own in units if own in known), usual(unit, max(numbers, default=0.0)))
+            yield Value(f"{table}{name}", value, unit, written)
 
 
 def _instead(one: Value, excess: Excess) -> Iterator[Any]:

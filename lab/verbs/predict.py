@@ -21,7 +21,7 @@ from model.effects import EffectSpec
 from model.errors import ModelError
 from model.prediction import NORMAL_95, Prediction, Predictor
 from model.prediction.campaign import ASKED, predict_campaign
-from model.prediction.inverse import REACHED, Reached, inverse, limits_of
+from model.prediction.inverse import REACHED, inverse, limits_of
 from model.prediction.predictor import outside_known
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
@@ -168,7 +168,12 @@ def invert(
         return _sheet(title, robot, lead, reached.spine_length, reached.pressures, reached.prediction, model_only=True)
 
     _, notes = outside_known(robot, reached.pressures, reached.spine_length)
-    return _result(robot, files, "targets", inverse_rows(place, reached), sheet, draw, missing, notes)
+    columns: Columns = {f"target_{k}": place[:, i] for i, k in enumerate("xyz")}
+    columns |= {"reached": reached.reached, "miss": reached.miss}
+    columns |= {f"p{c}": pressure for c, pressure in enumerate(reached.pressures.T, 1)}
+    columns["spine_length"] = reached.spine_length
+    rows = _rows(columns | _with_ends("xyz", reached.prediction.tip, *reached.prediction.interval(model_only=True)))
+    return _result(robot, files, "targets", rows, sheet, draw, missing, notes)
 
 
 def table_states(path: Path, words: Words) -> Columns:
@@ -239,15 +244,6 @@ def prediction_rows(states: Columns, prediction: Prediction) -> list[dict[str, A
         place, half = prediction.shape[:, m], NORMAL_95 * prediction.shape_sd[:, m]
         columns |= _with_ends([f"m{m + 1}{k}" for k in "xyz"], place, place - half, place + half)
     return _rows(columns)
-
-
-def inverse_rows(wanted: Array, reached: Reached) -> list[dict[str, Any]]:
-    """One flat row per target: position, whether it is reachable, set-points, predicted tip, SI."""
-    columns: Columns = {f"target_{k}": wanted[:, i] for i, k in enumerate("xyz")}
-    columns |= {"reached": reached.reached, "miss": reached.miss}
-    columns |= {f"p{c}": pressure for c, pressure in enumerate(reached.pressures.T, 1)}
-    columns["spine_length"] = reached.spine_length
-    return _rows(columns | _with_ends("xyz", reached.prediction.tip, *reached.prediction.interval(model_only=True)))
 
 
 def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> Columns:

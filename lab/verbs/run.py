@@ -43,7 +43,7 @@ from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 from ..console import Screen, clock, err, note, out, warn
 from ..files.all_protocols import file_of, found_protocols, protocol_from_file, protocol_keys
 from ..files.checked import announce, last, place
-from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
+from ..files.config import ConfigError, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
 from ..files.resume import Broken, find
@@ -119,7 +119,12 @@ def protocol_plan(source: Source, facts: RobotFacts, of_file: Experiment | None 
 
     `facts`: what is known of the robot; `of_file`: a protocol of Python."""
     experiment = _experiment(source, of_file)
-    values, lines = _by_new_names({k: v for k, v in source.table.items() if k != "protocol"}, source, experiment)
+    values, lines = {k: v for k, v in source.table.items() if k != "protocol"}, dict(source.lines)
+    for old, new in experiment.parameters.renamed.items():
+        if old in values and new not in values:
+            values[new] = values.pop(old)
+            lines |= {(new, *loc[1:]): line for loc, line in source.lines.items() if loc[:1] == (old,)}
+            note([f"{source.at((old,))}: {old} is called {new} now; write {new}"])
     values = {**_defaults(experiment, facts), **values}
     parameters = check(Source(source.name, values, lines), experiment.parameters)
     plan = _planned(experiment, parameters)
@@ -130,17 +135,6 @@ def protocol_plan(source: Source, facts: RobotFacts, of_file: Experiment | None 
             placed=True,
         )
     return experiment, parameters, plan
-
-
-def _by_new_names(values: dict[str, Any], source: Source, experiment: Experiment) -> tuple[dict[str, Any], Lines]:
-    """Values and lines with renamed keys under their new names; each is named in a note."""
-    renamed, lines = dict(values), dict(source.lines)
-    for old, new in experiment.parameters.renamed.items():
-        if old in renamed and new not in renamed:
-            renamed[new] = renamed.pop(old)
-            lines |= {(new, *loc[1:]): line for loc, line in source.lines.items() if loc[:1] == (old,)}
-            note([f"{source.at((old,))}: {old} is called {new} now; write {new}"])
-    return renamed, lines
 
 
 OF_SPINE = ("spine", "valve", "gauge")
@@ -535,7 +529,9 @@ def execute(
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
-            error, outcome = _of_file(e, j.experiment), "failed"
+            code = file_of(j.experiment)  # in which an error of Python is a mistake
+            mistake = type(e).__module__ == "builtins" and not isinstance(e, OSError)
+            error, outcome = BadProtocol(told_at(e, code)) if mistake and code is not None else e, "failed"
         if interrupts.now:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         safe = _make_safe(rig, screen, outcome == "completed")
@@ -566,13 +562,6 @@ def _keys(steering: Steering, screen: Screen) -> Iterator[Callable[[], contextli
     screen.say(HELP)
     with Keys(sys.stdin.fileno(), Line(steering, screen.say, screen.typed)) as keys:
         yield keys.lent
-
-
-def _of_file(error: Exception, experiment: Experiment) -> Exception:
-    """Return a mistake in a protocol's own code, an error of Python, as BadProtocol with file and line; others as they are."""
-    file = file_of(experiment)
-    mistake = type(error).__module__ == "builtins" and not isinstance(error, OSError)
-    return BadProtocol(told_at(error, file)) if mistake and file is not None else error
 
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:

@@ -198,19 +198,14 @@ EVERY = np.ones(18)
 NOISE = Noise(STATE, OWN, RESPONSE, Lasting(TRIAL, TIME, CHANNEL, SLOW, 0.7 * EVERY, 30.0 * EVERY))
 
 
-def written_down() -> np.ndarray:
-    out = np.zeros((18, 18))
+def test_whitening_takes_the_covariance_away_and_its_determinant_is_known() -> None:
+    white, dense = NOISE.whiten(np.eye(18)), np.zeros((18, 18))
     for i in range(18):
         for j in range(18):
             same = STATE[i] == STATE[j]
             kept = 1.0 if same else np.exp(-abs(TIME[i] - TIME[j]) / 30.0) if TRIAL[i] == TRIAL[j] >= 0 else 0.0
-            out[i, j] = OWN[i] ** 2 * (i == j) + SLOW[i] * SLOW[j] * kept * (CHANNEL[i] == CHANNEL[j])
-            out[i, j] += RESPONSE[i] @ RESPONSE[j] * (0.3 * same + 0.7 * kept)
-    return out
-
-
-def test_whitening_takes_the_covariance_away_and_its_determinant_is_known() -> None:
-    white, dense = NOISE.whiten(np.eye(18)), written_down()
+            dense[i, j] = OWN[i] ** 2 * (i == j) + SLOW[i] * SLOW[j] * kept * (CHANNEL[i] == CHANNEL[j])
+            dense[i, j] += RESPONSE[i] @ RESPONSE[j] * (0.3 * same + 0.7 * kept)
     assert white @ dense @ white.T == pytest.approx(np.eye(18), abs=1e-9)
     assert NOISE.log_sd == pytest.approx(0.5 * np.linalg.slogdet(dense)[1])
     values = np.linspace(-1, 1, 18)

@@ -244,19 +244,6 @@ def old(bench: Bench) -> Callable[[str], AlicatFake]:
     return lambda unit: bench.started(AlicatFake(bench.plant, bench.clock, seed=3, full_scale=413.7e3, firmware=OLD, unit=unit))
 
 
-def highest_told(fake: AlicatFake) -> float:
-    """The highest set-point that any unit has held, Pa, by what was sent."""
-    told = [0.0]
-    pa = PA_PER_UNIT[fake.device["A"].unit_code]
-    for request in fake.requests:
-        words = request.decode().strip()[1:]
-        if words.startswith("S "):
-            told.append(float(words[2:]) * pa)
-        elif words.isdigit():
-            told.append(int(words) / 64000 * fake.device["A"].full_scale)
-    return max(told)
-
-
 @pytest.mark.parametrize("firmware", [OLD, "7v09.0-R22", "9v04.0-R23", "10v04.0-R24"])
 def test_older_firmware_is_never_asked_what_it_does_not_know(make: Make, fake: AlicatFake, firmware: str) -> None:
     for unit in fake.device.values():
@@ -300,7 +287,14 @@ def test_a_wrong_unit_of_measure_or_range_is_caught_before_the_first_pressure_be
     timing.sleep(0.1)  # no time, no rise: the rate is limited
     wrong = "its range is not" if shows == told else f"does not show {told} but {shows}.*correct unit or full_scale"
     raises(WrongDevice, wrong, regulators.set, (min(full_scale, 100e3), 0.0, 0.0))
-    assert highest_told(fake) <= 5e3 and fake.device["A"].setpoint == 0
+    held, pa = [0.0], PA_PER_UNIT[fake.device["A"].unit_code]  # set-points of any unit, Pa, by what was sent
+    for request in fake.requests:
+        words = request.decode().strip()[1:]
+        if words.startswith("S "):
+            held.append(float(words[2:]) * pa)
+        elif words.isdigit():
+            held.append(int(words) / 64000 * fake.device["A"].full_scale)
+    assert max(held) <= 5e3 and fake.device["A"].setpoint == 0
     regulators.vent()
 
 

@@ -45,14 +45,6 @@ PROTECTIVE_STOP = 1 << 2
 """Of safety_status_bits."""
 
 
-def guard_of(program: subprocess.Popen[str]) -> int:
-    """Process id of the program's guard."""
-    for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split():
-        if b"lab.guard.process" in Path(f"/proc/{child}/cmdline").read_bytes():
-            return int(child)
-    raise AssertionError("no guard")
-
-
 def journal(house: House) -> str:
     return house.rig.with_suffix(".guard.log").read_text()
 
@@ -142,7 +134,9 @@ def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(
     house: House, tmp_path: Path, how: signal.Signals, said: str
 ) -> None:
     program = house.start(tmp_path)
-    os.kill(guard_of(program), how)
+    children = Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split()
+    guard = next(pid for pid in children if b"lab.guard.process" in Path(f"/proc/{pid}/cmdline").read_bytes())
+    os.kill(int(guard), how)
     output, _ = program.communicate(timeout=600)
     assert program.returncode == 1 and "guard" in output and said in output
     assert house.landed()

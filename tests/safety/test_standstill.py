@@ -4,7 +4,6 @@ The robot has no spine: a length unit's own watchdog would have stopped it, and 
 """
 
 import signal
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -35,17 +34,6 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
         changes = {"instruments": {k: v for k, v in PATIENT["instruments"].items() if k in present}}
         write_rig(fakes, path, {**PATIENT, **changes}, ROBOT)
         yield House(fakes, path)
-
-
-def stand_still(process: subprocess.Popen[str], seconds: float = LONG) -> None:
-    """Stop the program and all that it has started, as a suspended computer does; the instruments go on."""
-    root = psutil.Process(process.pid)
-    stopped = [root, *root.children(recursive=True)]
-    for one in stopped:
-        one.send_signal(signal.SIGSTOP)
-    timing.sleep(seconds)
-    for one in stopped:
-        one.send_signal(signal.SIGCONT)
 
 
 def mocap(house: House) -> set[tuple[str, int]]:
@@ -79,7 +67,13 @@ def test_a_run_goes_on_after_a_standstill_without_a_person(
     assert until(lambda: not mocap(three))
     with command("run", "bending", "--rig", three.rig, "--out", tmp_path, *SHORT) as process:
         assert until(lambda: phase(three) or process.poll() is not None, 120)
-        stand_still(process, seconds)
+        root = psutil.Process(process.pid)
+        stopped = [root, *root.children(recursive=True)]  # as a suspended computer does; the instruments go on
+        for one in stopped:
+            one.send_signal(signal.SIGSTOP)
+        timing.sleep(seconds)
+        for one in stopped:
+            one.send_signal(signal.SIGCONT)
         said, _ = process.communicate(timeout=300)
     assert process.returncode in (0, 3), said
     assert three.fakes.troubles == []
