@@ -23,6 +23,9 @@ from .campaign import Campaign
 from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
 from .plausible import complete, implausible_values, of_body, require_plausible_pushes
 
+UNCLEAR = 0.35, 0.65
+"""Shares of a state's highest pressure between which noise decides whether a chamber counts as inflated, from half of it on."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -94,7 +97,7 @@ def _kinds(s: Campaign) -> Ints:
     inflated, ramp = s.inflated.copy(), np.zeros(len(trials))
     for in_trial in rows_by(s.trial):
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
-        inflated[in_trial] = _sweeps(inflated[in_trial], s.highest[in_trial], s.pressure_gap)
+        inflated[in_trial] = _sweeps(inflated[in_trial], s.pressure[in_trial], s.pressure_gap)
         ramp[in_trial] = rate[in_trial].max() if while_ramping[in_trial].any() else 0.0
     vacuum = np.zeros(len(trials), np.int64)
     for own in rows_by(levels(s.spine_length, gaps.SPINE_GAP)):  # a leak takes more from a longer spine
@@ -110,11 +113,12 @@ def _kinds(s: Campaign) -> Ints:
     )
 
 
-def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
-    """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to; `highest` (m,) and `gap` in Pa."""
-    top, tops = inflated[np.argmax(highest)], inflated[highest > highest.max() - gap]
-    one_sweep = (tops == top).all()  # else each state is of its own
-    out = np.where((inflated & top).any(axis=1, keepdims=True) & one_sweep, top, inflated)
+def _sweeps(inflated: Mask, pressure: Array, gap: float) -> Mask:
+    """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to; `pressure` and `gap` in Pa."""
+    highest = pressure.max(axis=1)
+    top, share = inflated[np.argmax(highest)], pressure / np.maximum(highest, gap)[:, None]
+    others = np.where(top, share < UNCLEAR[0], share > UNCLEAR[1]).any(axis=1) & (highest > highest.max() / 2)
+    out = np.where((inflated & top).any(axis=1, keepdims=True) & ~others.any(), top, inflated)  # else each state is of its own
     # closer to zero, the readings do not show which chambers are inflated
     with_pressure = np.flatnonzero(highest > 3.0 * gap)
     if not with_pressure.size:
