@@ -326,9 +326,10 @@ def off_surface(states: Table, place: Array, seen: Mask, length: float) -> tuple
     far = ~seen
     for _ in range(judgement.SHIFT_ROUNDS):
         used = seen & ~far
-        inverse = np.linalg.inv(every[used].T @ every[used] + WEAK * np.eye(every.shape[1]))
+        fitted = every[used]
+        inverse = np.linalg.inv(fitted.T @ fitted + WEAK * np.eye(every.shape[1]))
         leverage = ((every @ inverse) * every).sum(axis=1)
-        missed = place - every @ (inverse @ (every[used].T @ place[used]))
+        missed = place - every @ (inverse @ (fitted.T @ place[used]))
         off = np.linalg.norm(missed, axis=1) / np.where(used, 1 - leverage, 1.0)
         far = off > max(TIMES_SCATTER * float(np.median(off[seen])), STRAY * length)
         if np.array_equal(used, seen & ~far):
