@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from pydantic import Field, FiniteFloat
+from pydantic.types import Discriminator, Tag
 
 from model.arrays import Array
 from model.plain_yaml import FileTable
@@ -77,15 +79,33 @@ class Words:
         return f"{named} {', '.join(map(str, numbers))}" if numbers else f"nothing {self.inflated}"
 
 
+Distance = Annotated[FiniteFloat, Field(gt=0, le=1)]
+NumberOrList = Annotated[
+    Annotated[Distance, Tag("number")] | Annotated[tuple[Distance, ...], Tag("list")],
+    Discriminator(lambda value: "list" if isinstance(value, (list, tuple)) else "number"),
+]
+
+
 class Actuators(FileTable):
     """What chambers and tendons have in common."""
 
-    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m", "uncertainty": "path_radius"})
+    path_radius: NumberOrList = Field(json_schema_extra={"unit": "m", "uncertainty": "path_radius"})
+    """From the axis, of all or of each; of a list, that of `sections` is the mean."""
     azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
         min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
     )
     ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     """Arc length at which each ends or is fastened; by default at the tip."""
+
+    @property
+    def mean_radius(self) -> float:
+        """m, the mean of their distances from the axis."""
+        return float(np.mean(self.path_radius))
+
+    @property
+    def levers(self) -> Array:
+        """(actuators,) distance of each from the axis over their mean."""
+        return np.broadcast_to(np.divide(self.path_radius, self.mean_radius), len(self.azimuths_deg))
 
 
 class Chambers(Actuators):

@@ -249,11 +249,15 @@ class Robot(Shown, FileTable):
         """One line for each contradiction between sections, radii, densities, actuators and lengths."""
         kind = "chambers" if self.tendons is None else "tendons"
         actuators, count = self.actuators, len(self.actuators.azimuths_deg)
+        lists = {name: x for name in ("path_radius", "ends") if isinstance(x := getattr(actuators, name), tuple)}
+        if wrong := {name: len(x) for name, x in lists.items() if len(x) != count and (x or name != "ends")}:
+            return [f"{kind}.{name}: {n} lengths, must be one for each of {count} azimuths_deg" for name, n in wrong.items()]
         radii = {
             "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
-            "chamber_radius": actuators.radius, "path_radius": actuators.path_radius,
+            "chamber_radius": actuators.radius, "path_radius": actuators.mean_radius,
         }  # fmt: skip
-        problems = [*section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None, count == 1)]
+        spine = self.spine.radius if self.spine else None
+        problems = [*section_problems(self.sections, self.length, radii, spine, actuators.levers)]
         if self.tendons is not None and self.thrust is not None:
             problems.append("thrust: says nothing of a robot with tendons: leave it out")
         if self.tendons is None and self.max_tension is not None:
@@ -262,8 +266,6 @@ class Robot(Shown, FileTable):
             problems.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
         if self.tendons is not None and any(part.chamber_radius is not None for part in self.sections):
             problems.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
-        if actuators.ends and len(actuators.ends) != count:
-            problems.append(f"{kind}.ends: {len(actuators.ends)} arc lengths, must be one for each of {count} azimuths_deg")
         most = max(map(abs, actuators.azimuths_deg))
         if most <= 2 * math.pi and most != round(most):
             problems.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
@@ -298,8 +300,8 @@ class Robot(Shown, FileTable):
 
     @property
     def bending_directions(self) -> NDArray[np.complex128]:
-        """(actuators,) x + iy of unit length: where each bends the tip, away from a chamber, towards a tendon."""
-        return -np.sign(self.actuators.area) * np.exp(1j * np.radians(self.actuators.azimuths_deg))
+        """(actuators,) x + iy where each bends the tip, away from a chamber, towards a tendon; 1 long at their mean distance."""
+        return -np.sign(self.actuators.area) * self.actuators.levers * np.exp(1j * np.radians(self.actuators.azimuths_deg))
 
     def with_modulus(self, factor: float) -> Robot:
         """The same robot this many times as stiff, whether by its material or as given, unchecked."""

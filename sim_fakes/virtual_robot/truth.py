@@ -8,6 +8,7 @@ instruments.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -16,6 +17,8 @@ TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.
 
 HANGING_STAND = ((1.0, 0.0, 0.0, 0.50), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.70), (0.0, 0.0, 0.0, 1.0))
 """A specimen clamped 0.7 m above the arm's base, hanging down; its x axis is the arm's x axis."""
+
+OffAxis = Annotated[float, Field(gt=0, le=0.5)]
 
 
 class RobotTruth(BaseModel):
@@ -43,7 +46,8 @@ class RobotTruth(BaseModel):
 
     # chambers
     chamber_radius: float = Field(default=0.005, gt=0, le=0.1, json_schema_extra={"unit": "m"})
-    chamber_path_radius: float = Field(default=0.04, gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    chamber_path_radius: OffAxis | tuple[OffAxis, ...] = Field(default=0.04, json_schema_extra={"unit": "m"})
+    """Of all chambers, or of each."""
     chamber_azimuths_deg: tuple[float, ...] = tuple(40.0 * i for i in range(9))
     area_factor: float = Field(default=1.6, gt=0, le=10)
     """Effective chamber area / (pi chamber_radius^2), one number for all spine lengths."""
