@@ -21,6 +21,7 @@ from model.actuators import PULL_AREA, Chambers, Tendons
 from model.arrays import Array
 from model.errors import BadRobot
 from model.plain_yaml import FileTable, checked, loaded, unit_at
+from model.rotation import rolled
 from model.sections import Positive, Section, Weight, section_problems
 from model.shown import Shown
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
@@ -74,6 +75,9 @@ Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e12, json_schema_extra={"unit
 Gravity = Annotated[FiniteFloat, Field(ge=-30, le=30)]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
 
+ArcLength = Annotated[FiniteFloat, Field(gt=0, le=5)]
+FromAxis = Annotated[FiniteFloat, Field(ge=-1, le=1)]
+
 LIMITS = {"max_pressure", "max_tension"}
 STATED = ("effects", "tolerances")
 """Tables of robot.yaml of which `Robot.stated` has each value."""
@@ -94,6 +98,21 @@ class Spine(FileTable):
     def modulus_at(self, spine_length: ArrayLike) -> Array:
         """Young's modulus (Pa) at spine length (m), see `model.robot`."""
         return smooth_at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
+
+
+class Marker(FileTable):
+    """A marker beside the body's axis, which turns with the section that it is fixed to."""
+
+    arc_length: ArcLength = Field(json_schema_extra={"unit": "m"})
+    """Of that section."""
+    offset: tuple[FromAxis, FromAxis] = Field(json_schema_extra={"unit": "m"})
+    """From its centre to the marker, along the base's x and y while the robot is straight and not rolled."""
+
+
+NumberOrMarker = Annotated[
+    Annotated[ArcLength, Tag("number")] | Annotated[Marker, Tag("table")],
+    Discriminator(lambda value: "table" if isinstance(value, (dict, Marker)) else "number"),
+]
 
 
 class Pose(FileTable):
@@ -186,8 +205,8 @@ class Robot(Shown, FileTable):
     """What takes the chambers' thrust: a cap where the longest chamber ends, or the side walls, which always carry that of
     chambers ending more than an outer radius before. Unless stated, a diagnosis settles it."""
     spine: Spine | None = None
-    markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc lengths of the markers, which lie on the body's axis."""
+    markers: tuple[NumberOrMarker, ...] = Field(default=(), json_schema_extra={"unit": "m"})
+    """Arc lengths of markers on the body's axis, or tables of markers beside it."""
     base_to_world: Pose | None = None
     """For the record alone; a map.yaml states it by `frame`, and by `zero` of columns x, y, z."""
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
@@ -271,7 +290,8 @@ class Robot(Shown, FileTable):
             problems.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
         beyond = [s for s in actuators.ends if s > self.length * (1 + 1e-9)]
         problems += [f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond]
-        problems += [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length]
+        arcs = self.marker_places()[:, 2].tolist()
+        problems += [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in arcs if s > self.length]
         tables: dict[str, Mapping[float, float]] = {"spine.modulus": self.spine.modulus if self.spine else {}}
         if isinstance(self.area_factor, dict):
             tables["area_factor"] = self.area_factor
@@ -290,6 +310,12 @@ class Robot(Shown, FileTable):
         """
         table = sorted(self.area_factor.items()) if isinstance(self.area_factor, dict) else [(0.0, self.area_factor)]
         return np.interp(np.asarray(spine_length, float), *np.array(table).T)
+
+    def marker_places(self, roll: ArrayLike = 0.0) -> Array:
+        """(.., markers, 3) m where its markers are while it is straight, mounted rolled by `roll` (..) rad: x, y, arc length."""
+        given = [(*m.offset, m.arc_length) if isinstance(m, Marker) else (0.0, 0.0, m) for m in self.markers]
+        x, y, along = np.reshape(given, (-1, 3)).T
+        return np.stack(np.broadcast_arrays(*rolled(np.asarray(roll)[..., None], x, y), along), axis=-1)
 
     @property
     def actuators(self) -> Chambers | Tendons:
@@ -402,6 +428,6 @@ def load_robot(path: Path) -> Robot:
 
 NESTED: Mapping[str, type[BaseModel]] = {
     "chambers": Chambers, "tendons": Tendons, "spine": Spine, "base_to_world": Pose, "posterior": Posterior, "noise": Noise,
-    "residual": Residual, "uncertainty": Uncertainty, "sections": Section,
+    "residual": Residual, "uncertainty": Uncertainty, "sections": Section, "markers": Marker,
 }  # fmt: skip
 """Key of robot.yaml -> the table that it holds."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from model.robot import Robot
+from model.robot import Marker, Robot
 from model.rotation import CONJUGATE, from_vector, multiply, to_base
 from recordings.trials import NO_MOUNT, ORIENTATION, TIP, Table, marker_columns, pressure_columns
 
@@ -67,7 +67,9 @@ class Variants:
         one = np.ones((1, 1))
         of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force,
                      tip_moments(robot, table), table.tip, table.orientation, table.markers)  # fmt: skip
-        of_robot = (np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.markers, robot.gravity))
+        of_robot = (
+            np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.marker_places()[:, 2], robot.gravity)
+        )
         return cls(robot, table, one, one, one, one, *of_robot, *(values[None] for values in of_states))
 
     def repeated(self, count: int) -> Variants:
@@ -146,9 +148,12 @@ class Variants:
             factor, area = robot.area_factor, float(self.area[0, 0])
             areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
             robot = robot.model_copy(update={"area_factor": areas})
-        for name, key in (("gravity", "gravity"), ("arcs", "markers")):
-            if name in changed:
-                robot = robot.model_copy(update={key: tuple(changed[name][0].tolist())})
+        if "gravity" in changed:
+            robot = robot.model_copy(update={"gravity": tuple(self.gravity[0, 0].tolist())})
+        if "arcs" in changed:
+            along = zip(robot.markers, self.arcs[0, 0].tolist(), strict=True)
+            markers = tuple(m.model_copy(update={"arc_length": s}) if isinstance(m, Marker) else s for m, s in along)
+            robot = robot.model_copy(update={"markers": markers})
         if "stretch" in changed:
             ratio, drive = float(self.stretch[0, 0]), robot.actuators
             ends: dict[str, Any] = {drive.words.kind: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}
@@ -161,6 +166,16 @@ class Variants:
         for name in names.keys() & changed:
             columns |= zip(names[name], changed[name].reshape(len(self.table), -1).T, strict=True)
         return robot, self.table.replaced(columns)
+
+
+def marker_entry(place: Array) -> str:
+    """An entry of `markers` of robot.yaml for a marker at x, y and arc length (m) of the straight robot.
+
+    >>> marker_entry(np.array([0.0, 0.0, 0.2])), marker_entry(np.array([0.036, 0.0, 0.2]))
+    ('200 mm', '{arc_length: 200 mm, offset: [36 mm, 0 mm]}')
+    """
+    x, y, along = (f"{value:.4g} mm" for value in 1e3 * place)
+    return f"{{arc_length: {along}, offset: [{x}, {y}]}}" if place[:2].any() else along
 
 
 def times(factor: float, *names: str) -> Callable[[Variants, Array], Variants]:

@@ -202,7 +202,7 @@ def conclude(
 
     Per file: times made to follow those of the file before, rows cut into states and numbered in groups, one per trial. Then of
     all: orientation and place of the straight robot, numbers of trials, checks, stiffness. `notes` are added to."""
-    straight, arcs = _straight_point(robot), robot.markers
+    straight = _straight_point(robot)
     read_files, parts, rows = [], list[Table](), list[tuple[int, int]]()
     group, start, origin = 0, 0.0, 0.0  # first trial of a file; s: end of the file before, begin of the first with dates
     for number, (series, q, own_map) in enumerate(every):
@@ -211,7 +211,7 @@ def conclude(
         origin = float(q.t[0]) if not number and absolute else origin
         q = q.with_columns({"t": q.t - (origin if absolute else 0.0)})
         if wanted.straight == "first row":
-            q = _straightened(q, straight, wanted.sensor, arcs)
+            q = _straightened(q, straight, wanted.sensor, robot)
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = q.with_columns({"t": q.t - q.t[0] + start + BETWEEN_RUNS})
         trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
@@ -411,13 +411,18 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> FileRows:
+def _marker_places(robot: Robot, table: Table) -> Array:
+    """(n, k, 3) m of markers of the straight robot, rolled as each row has it."""
+    return robot.marker_places(np.radians(np.broadcast_to(table.get("roll_deg", 0.0), len(table))))
+
+
+def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], robot: Robot) -> FileRows:
     """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
     tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
     oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
-    known = min(len(arcs), markers.shape[1])
-    shift = np.zeros_like(markers[0])
-    shift[:known] = np.nan_to_num(np.outer(arcs[:known], AXES["z"]) - markers[0, :known])
+    places, shift = _marker_places(robot, q.table.take(np.arange(1)))[0], np.zeros_like(markers[0])
+    known = min(len(places), markers.shape[1])
+    shift[:known] = np.nan_to_num(places[:known] - markers[0, :known])
     placed = _placed(oriented, tip - tip[0] + np.array(sensor) + straight, markers + shift)
     return replace(q, table=_levered(placed, np.array(sensor)))
 
@@ -429,7 +434,7 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     turns, turned = _turns(table)
     if straight == "first state":
         resting = resting[:1]
-        tip, places, turn = _straight_point(robot)[None], np.outer(robot.markers, AXES["z"])[None], turns[:0].identity(1)
+        tip, places, turn = _straight_point(robot)[None], _marker_places(robot, table.take(resting)), turns[:0].identity(1)
     else:
         beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
         resting = beginning if len(beginning) else resting
