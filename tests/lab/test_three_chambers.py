@@ -66,6 +66,8 @@ def test_a_body_without_a_hole_is_simulated() -> None:
     assert np.isfinite(reading.position).all()
     unlike = full.model_copy(update={"chambers": full.actuators.model_copy(update={"ends": (0.1,)}), "sections": ("one",)})
     refused("the fakes do not support sections, chambers.ends", played, unlike)
+    beside = full.replace(markers=[{"arc_length": 0.1, "offset": [0.02, 0.0]}])
+    refused("the fakes do not support markers beside the axis", played, beside)
     refused("density: cannot be simulated", played, full.model_copy(update={"density": -1.0}))
 
 

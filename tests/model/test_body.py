@@ -10,6 +10,7 @@ from model.body import body_of
 from model.condition import conditions
 from model.errors import BadRobot
 from model.prediction.campaign import predict_campaign
+from model.prediction.predictor import Predictor
 from model.robot import Robot
 from model.rods import FINE, Rods, solve
 from model.rotation import to_base
@@ -185,6 +186,19 @@ def test_a_tendon_bends_towards_itself_in_a_circle_and_shortens(pulled: Robot) -
     for s, place in zip((0.2, 0.4), found.shape[0], strict=True):
         circle = stretch / curvature * np.array([1 - np.cos(curvature * s), 0.0, np.sin(curvature * s)])
         np.testing.assert_allclose(place, circle, atol=1e-6)
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.7])
+def test_a_marker_on_the_skin_is_on_a_circle_beside_that_of_the_axis(pulled: Robot, roll: float) -> None:
+    """Of a weightless body bent by a moment M at its tip: p(s) + R(s) o with the curvature M / EI."""
+    stiff = {"bending_stiffness": 0.5, "axial_stiffness": 1e9, "shear_modulus": 1e9}
+    markers = [0.2, {"arc_length": 0.2, "offset": [0.036, 0.01]}]
+    light = pulled.replace(gravity=[0, 0, 0], tip_mass=0.0, tip_moment=[0, 0.4, 0], markers=markers, **stiff)
+    on_axis, beside = Predictor(light)(np.zeros(3), roll=roll).shape[0]
+    x, y = 0.036 * np.cos(roll) - 0.01 * np.sin(roll), 0.036 * np.sin(roll) + 0.01 * np.cos(roll)
+    turn = 0.2 * 0.4 / 0.5
+    np.testing.assert_allclose(on_axis, 0.5 / 0.4 * np.array([1 - np.cos(turn), 0.0, np.sin(turn)]), atol=1e-9)
+    np.testing.assert_allclose(beside - on_axis, [x * np.cos(turn), y, -x * np.sin(turn)], atol=1e-9)
 
 
 def test_tendons_fastened_half_way_bend_the_first_half(pulled: Robot) -> None:
