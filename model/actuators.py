@@ -90,12 +90,12 @@ class Actuators(FileTable):
     """What chambers and tendons have in common."""
 
     path_radius: NumberOrList = Field(json_schema_extra={"unit": "m", "uncertainty": "path_radius"})
-    """From the axis, of all or of each; of a list, that of `sections` is the mean."""
+    """Of all or of each."""
     azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
         min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
     )
     ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc length at which each ends or is fastened; by default at the tip."""
+    """Arc length at which each ends; by default the tip's."""
 
     @property
     def mean_radius(self) -> float:

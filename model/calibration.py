@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from model.arrays import Array
+from model.body import body_of
 from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.rods.beam import bar_deflection
-from model.section import annulus_second_moment, body_second_moment, rods_of
+from model.section import annulus_second_moment, rods_of
 
 
 def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:
@@ -140,7 +141,7 @@ def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, tria
     >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
     True
     """
-    return youngs_modulus(fit_stiffness(deflection, force, trial), robot.length, body_second_moment(robot))
+    return youngs_modulus(fit_stiffness(deflection, force, trial), robot.length, body_of(robot).mean_second)
 
 
 def fit_spine_modulus(

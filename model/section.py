@@ -21,17 +21,7 @@ if TYPE_CHECKING:
     from model.rods import Rods
 
 
-__all__ = ["annulus_second_moment", "body_area", "body_mass", "body_second_moment", "rods_of"]
-
-
-def body_area(robot: Robot) -> float:
-    """EA / E of the body, m^2: of the annulus as drawn; of sections, that of a uniform body which a pull stretches as much."""
-    return body_of(robot).mean_area
-
-
-def body_second_moment(robot: Robot) -> float:
-    """EI / E of the body, m^4: of the annulus as drawn; of sections, that of a uniform body which a moment turns as much."""
-    return body_of(robot).mean_second
+__all__ = ["annulus_second_moment", "body_mass", "rods_of"]
 
 
 def body_mass(robot: Robot) -> float:

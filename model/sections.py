@@ -33,6 +33,7 @@ class Section(FileTable):
     chamber_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
     """0: the chambers do not reach here."""
     path_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    """The mean."""
 
     @property
     def tapers(self) -> bool:

@@ -17,9 +17,9 @@ from itertools import permutations
 import numpy as np
 
 from model.actuators import Words
+from model.body import body_of
 from model.condition import HIGHEST_PRESSURE
 from model.robot import Robot
-from model.section import body_area
 from recordings.trials import Mapped, Table
 
 from ..arrays import Array, Mask
@@ -161,7 +161,7 @@ def _masses(robot: Robot, table: Table) -> str:
     """Grams: a thousand times robot.yaml's tip mass, or a weight under which the body would be twice as long."""
     masses = table.get("tip_mass", 0.0)
     heaviest = int(np.argmax(masses))
-    mass, described, carried = float(masses[heaviest]), robot.tip_mass, robot.youngs_modulus * body_area(robot) / 9.81
+    mass, described, carried = float(masses[heaviest]), robot.tip_mass, robot.youngs_modulus * body_of(robot).mean_area / 9.81
     if not (mass > carried or (described > 0 and abs(mass / described / 1000 - 1) < 0.05)):
         return ""
     beside = f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"

@@ -67,9 +67,8 @@ class Variants:
         one = np.ones((1, 1))
         of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force,
                      tip_moments(robot, table), table.tip, table.orientation, table.markers)  # fmt: skip
-        of_robot = (
-            np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.marker_places()[:, 2], robot.gravity)
-        )
+        given = robot.actuators.azimuths_deg, robot.marker_places()[:, 2], robot.gravity
+        of_robot = (np.array(values)[None, None] for values in given)
         return cls(robot, table, one, one, one, one, *of_robot, *(values[None] for values in of_states))
 
     def repeated(self, count: int) -> Variants:
@@ -166,16 +165,6 @@ class Variants:
         for name in names.keys() & changed:
             columns |= zip(names[name], changed[name].reshape(len(self.table), -1).T, strict=True)
         return robot, self.table.replaced(columns)
-
-
-def marker_entry(place: Array) -> str:
-    """An entry of `markers` of robot.yaml for a marker at x, y and arc length (m) of the straight robot.
-
-    >>> marker_entry(np.array([0.0, 0.0, 0.2])), marker_entry(np.array([0.036, 0.0, 0.2]))
-    ('200 mm', '{arc_length: 200 mm, offset: [36 mm, 0 mm]}')
-    """
-    x, y, along = (f"{value:.4g} mm" for value in 1e3 * place)
-    return f"{{arc_length: {along}, offset: [{x}, {y}]}}" if place[:2].any() else along
 
 
 def times(factor: float, *names: str) -> Callable[[Variants, Array], Variants]:

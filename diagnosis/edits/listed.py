@@ -25,22 +25,7 @@ from .. import judgement, remedies
 from ..arrays import Array
 from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USUAL_PRESSURE, misread, pairs_near
 from ..remedies import listed
-from .edit import (
-    AREA,
-    AZIMUTH,
-    GRAVITY,
-    MODULUS,
-    ORIGIN,
-    WIDEST,
-    Edit,
-    Mistake,
-    Says,
-    Variants,
-    marker_entry,
-    mistake,
-    stating,
-    times,
-)
+from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 from .order import SAME, apart, swapped
 
@@ -172,7 +157,7 @@ def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 def _arc(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     places = robot.marker_places()
     given, places[k, 2] = 1e3 * places[k, 2], places[k, 2] + own[0]
-    line, found = ", ".join(map(marker_entry, places)), 1e3 * places[k, 2]
+    line, found = ", ".join(map(remedies.marker_entry, places)), 1e3 * places[k, 2]
     return [mistake("arc_differs", "a marker's arc length", number=k + 1, given=given, found=found, line=line)]
 
 

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from model.body import body_of
 from model.errors import BadCondition
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, to_base
-from model.section import annulus_second_moment, body_second_moment
+from model.section import annulus_second_moment
 from recordings.trials import Table
 
 from .. import judgement
@@ -28,8 +29,8 @@ from ..data import plausible
 from ..data.case import campaign_of, finite
 from ..data.plausible import METRES, NEWTONS, SHORTEST, cantilevers, complete, implausible_values, in_si
 from ..findings import Finding, finding
-from ..remedies import misread_by, of_origin, of_unit
-from .edit import AREA, MODULUS, marker_entry
+from ..remedies import marker_entry, misread_by, of_origin, of_unit
+from .edit import AREA, MODULUS
 from .misfit import MOST, Fit, Sample, as_described, sample_of
 from .of_table import at_rest
 
@@ -96,7 +97,7 @@ def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
     solution, axis = sample.axes(sample.described, arcs[None, None])
     off_tip = float(np.linalg.norm(np.median(solution.tip - rest.tip, axis=0)))
     most = robot.outer_radius / 2 + 3 * (robot.uncertainty.marker_shift or 0.0) + off_tip
-    roll = np.radians(np.broadcast_to(rest.get("roll_deg", 0.0), len(rest)))
+    roll = np.radians(rest.get("roll_deg", 0.0))
     places, upright = robot.marker_places(roll), from_vector(np.outer(roll, [0.0, 0.0, 1.0]))[:, None]
     for k in range(min(places.shape[1], rest.markers.shape[1])):
         seen = rest.markers[:, k] - rest.tip + solution.tip
@@ -212,7 +213,7 @@ def _stiffness_ratio(robot: Robot, own: Table, specimen: str) -> float:
     """Slope of force over deflection, of 3 E I / L^3; 0 where they do not follow each other, or the robot has no spine."""
     long, force, deflection = cantilevers(robot, own), own.get("force"), own.get("deflection")
     if specimen == "body":
-        bending = np.full(len(own), robot.youngs_modulus * body_second_moment(robot))
+        bending = np.full(len(own), robot.youngs_modulus * body_of(robot).mean_second)
     elif robot.spine is not None:
         bending = robot.spine.modulus_at(long) * annulus_second_moment(robot.spine.radius)
     else:

@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from lab.pages.figures import BLUE, GREY, STYLE, colours, save
+from model.body import body_of
 from model.calibration import fit_area_factor_by_length
 from model.compare import error_table
 from model.condition import States, conditions
 from model.effects.layout import INNER, OUTER
 from model.robot import Robot, load_robot
 from model.rods import FINE, PAPER, Paper, Rods, solve
-from model.section import annulus_second_moment, body_area, body_second_moment, rods_of
+from model.section import annulus_second_moment, rods_of
 
 Array = NDArray[np.float64]
 ROBOT = load_robot(Path(__file__).with_name("robot.yaml"))
@@ -181,7 +182,7 @@ def added_bending(robot: Robot, lengths: Array) -> Array:
     """E_c I_c + E_s I_s (N m^2) at spine lengths (m)."""
     assert robot.spine is not None
     spine = robot.spine.modulus_at(lengths) * annulus_second_moment(robot.spine.radius)
-    return robot.youngs_modulus * body_second_moment(robot) + np.where(lengths > 0, spine, 0.0)
+    return robot.youngs_modulus * body_of(robot).mean_second + np.where(lengths > 0, spine, 0.0)
 
 
 def mixed_bending(robot: Robot, lengths: Array) -> Array:
@@ -218,8 +219,8 @@ def area_by_reading(robot: Robot = ROBOT) -> dict[str, Area]:
         wanted, volume = tips(rods(robot, pushes)), rods(unit, pushes)
         stretch, bend = volume.field("stretch_stiffness").copy(), volume.field("bend_stiffness").copy()
         area = math.pi * spine.radius**2 * spine.modulus_at(states.spine_length) * (states.spine_length > 0)
-        more = added_bending(robot, states.spine_length) / (robot.youngs_modulus * body_second_moment(robot))
-        stretch[:, INNER] = stretch[:, OUTER] * (1 + area / (robot.youngs_modulus * body_area(robot)))[:, None]
+        more = added_bending(robot, states.spine_length) / (robot.youngs_modulus * body_of(robot).mean_second)
+        stretch[:, INNER] = stretch[:, OUTER] * (1 + area / (robot.youngs_modulus * body_of(robot).mean_area))[:, None]
         bend[:, INNER] = bend[:, OUTER] * more[:, None]
         added = volume.changed(stretch_stiffness=stretch, bend_stiffness=bend)
         factor, rms_added = one_factor(added, wanted)

@@ -359,10 +359,9 @@ def _points_along(at_rest: Array, markers: Sequence[Array], robot: Robot, model:
     or the model's direction, is not that of a straight body."""
     if not markers:
         return None
-    away = float(np.linalg.norm(np.array([0.0, 0.0, robot.length]) - robot.marker_places()[0]))
-    seen, expected = (
-        _straight_along(line, away) for line in (at_rest - markers[0], (model.tip - model.shape[:, 0]).mean(axis=0))
-    )
+    arc = float(np.linalg.norm(robot.marker_places()[0] - [0.0, 0.0, robot.length]))
+    lines = at_rest - markers[0], (model.tip - model.shape[:, 0]).mean(axis=0)
+    seen, expected = (_straight_along(line, arc) for line in lines)
     return seen if expected == "z" else None
 
 

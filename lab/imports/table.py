@@ -411,16 +411,11 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _marker_places(robot: Robot, table: Table) -> Array:
-    """(n, k, 3) m of markers of the straight robot, rolled as each row has it."""
-    return robot.marker_places(np.radians(np.broadcast_to(table.get("roll_deg", 0.0), len(table))))
-
-
 def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], robot: Robot) -> FileRows:
     """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
     tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
     oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
-    places, shift = _marker_places(robot, q.table.take(np.arange(1)))[0], np.zeros_like(markers[0])
+    places, shift = robot.marker_places(np.radians(q.table.get("roll_deg", 0.0)[0])), np.zeros_like(markers[0])
     known = min(len(places), markers.shape[1])
     shift[:known] = np.nan_to_num(places[:known] - markers[0, :known])
     placed = _placed(oriented, tip - tip[0] + np.array(sensor) + straight, markers + shift)
@@ -434,7 +429,8 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     turns, turned = _turns(table)
     if straight == "first state":
         resting = resting[:1]
-        tip, places, turn = _straight_point(robot)[None], _marker_places(robot, table.take(resting)), turns[:0].identity(1)
+        tip, turn = _straight_point(robot)[None], turns[:0].identity(1)
+        places = robot.marker_places(np.radians(table.get("roll_deg", 0.0)[resting]))
     else:
         beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
         resting = beginning if len(beginning) else resting

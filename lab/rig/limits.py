@@ -14,7 +14,7 @@ import numpy as np
 from drivers.chambers import ChamberMap
 from model.body import body_of
 from model.robot import Robot
-from model.section import annulus_second_moment, body_area, body_second_moment
+from model.section import annulus_second_moment
 from protocols.arm_accuracy import distance
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
@@ -248,14 +248,13 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
     The stretch is three times the strain with all chambers at their highest pressure, because the area factor is not known
     better before a calibration, and a tenth more, because bodies and the cameras' base frame may be out of place. Markers
     count where robot.yaml states the arc length of each marker of rig.yaml."""
-    known = (
-        robot.marker_places() if len(getattr(rig.instruments.mocap, "markers", ())) == len(robot.markers) else np.zeros((0, 3))
-    )
+    names, known = getattr(rig.instruments.mocap, "markers", ()), robot.marker_places()
+    known = known if len(names) == len(known) else known[:0]
     strain = 0.0
     if robot.chambers is not None and rig.instruments.pressure is not None:
         factor = float(robot.area_factor_at([0.0, 0.0 if robot.spine is None else robot.length]).max())
         push = rig.instruments.pressure.max_pressure * factor * float(body_of(robot).tip_area.sum())
-        strain = push / (robot.youngs_modulus * body_area(robot))
+        strain = push / (robot.youngs_modulus * body_of(robot).mean_area)
     arcs, off = (robot.length, *known[:, 2].tolist()), (0.0, *np.hypot(known[:, 0], known[:, 1]).tolist())
     return Bodies(0.0, arcs, 1 + 0.1 + 3.0 * strain, off)
 
@@ -272,7 +271,7 @@ def expected_force(robot: Robot, push: Push) -> float | None:
     if push.specimen == "spine":
         stiffness_inside, stiffness_beyond, reach = spine_stiffness, spine_stiffness, push.length
     else:
-        stiffness_beyond = robot.youngs_modulus * body_second_moment(robot)
+        stiffness_beyond = robot.youngs_modulus * body_of(robot).mean_second
         stiffness_inside, reach = stiffness_beyond + spine_stiffness, min(push.spine, push.length)
     if push.length <= 0 or stiffness_inside <= 0:
         return math.inf  # nothing that could give way

@@ -54,7 +54,8 @@ class Paper:
             _, rotation, _, _ = rod.integrate(wrench[i], path)
             if flag == 1 and np.abs(rod.error(wrench[i])).max() < 1e-6:  # N, N m
                 status[i] = Status.SOLVED
-                tip[i], orientation[i] = path[-1], _nearest_quaternion(rotation)
+                nearest = scipy.spatial.transform.Rotation.from_matrix(rotation)
+                tip[i], orientation[i] = path[-1], nearest.as_quat(canonical=True, scalar_first=True)
                 grid = np.linspace(0.0, rod.length, self.steps + 1)
                 for k in range(3 if arcs is not None else 0):
                     shape[i, :, k] = np.interp(arcs[i], grid, path[:, k])  # type: ignore[index]
@@ -129,19 +130,3 @@ def _march(
         for k in range(3 if path.shape[0] > 0 else 0):
             path[i + 1, k] = p[k]
     return p, rotation, n, m
-
-
-def _nearest_quaternion(matrix: Array) -> Array:
-    """Unit quaternion (w, x, y, z), w >= 0, of the rotation nearest to a 3 by 3 matrix."""
-    r = matrix
-    # Largest eigenvector of the quaternion's own quadratic form: works for matrices that are not quite rotations.
-    form = np.array(
-        [
-            [r[0, 0] + r[1, 1] + r[2, 2], 0, 0, 0],
-            [r[2, 1] - r[1, 2], r[0, 0] - r[1, 1] - r[2, 2], 0, 0],
-            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], 0],
-            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1]],
-        ]
-    )
-    q: Array = np.linalg.eigh(form)[1][:, -1]
-    return q if q[0] >= 0 else -q

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import islice, zip_longest
 from typing import Any
 
 import numpy as np
@@ -91,8 +90,8 @@ def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     """Which body is farther from the base, or from another one, than the robot is long between them, for people; empty where none
     is. `places` (samples, bodies, 3) m; the message names the worst distance."""
     worst, text = 0.0, ""
-    known = zip_longest(bodies.arcs, bodies.off, fillvalue=0.0)
-    points = [(_name(i), arc, off, places[:, i]) for i, (arc, off) in enumerate(islice(known, places.shape[1]))]
+    off_axis, arcs = dict(enumerate(bodies.off)), bodies.arcs[: places.shape[1]]
+    points = [(_name(i), arc, off_axis.get(i, 0.0), places[:, i]) for i, arc in enumerate(arcs)]
     for i, (name, arc, off, place) in enumerate(points):
         for other_name, other_arc, other_off, other_place in [("the base", 0.0, 0.0, np.zeros(3)), *points[:i]]:
             distances = np.linalg.norm(place - other_place, axis=1)

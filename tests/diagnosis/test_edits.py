@@ -20,6 +20,7 @@ from diagnosis.edits.reading import read as judge_table
 from diagnosis.edits.search import edit_first
 from diagnosis.fit_effects import fit_effects
 from lab.files.inputs import case_of
+from model.body import body_of
 from model.condition import conditions
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects.laws.actuation import orders
@@ -28,7 +29,7 @@ from model.prediction.predictor import Predictor
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.rotation import multiply
-from model.section import body_second_moment, rods_of
+from model.section import rods_of
 from recordings.trials import ORIENTATION, TIP, Table, TrialRow, marker_columns, pressure_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
@@ -492,7 +493,7 @@ def test_another_order_that_these_states_cannot_tell_from_the_one_that_is_made_i
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_a_bending_stiffness_with_a_digit_too_many_is_named(factor: float) -> None:
-    stiffness = FINGER.youngs_modulus * body_second_moment(FINGER)
+    stiffness = FINGER.youngs_modulus * body_of(FINGER).mean_second
     first = edit_first(FINGER.replace(bending_stiffness=factor * stiffness), campaign(read(FINGER)))
     assert re.fullmatch(r"bending_stiffness \S+ N m\^2 instead of \S+ N m\^2 \(p = (0.9\d|1.00)\).*", str(first.changes[0]))
     assert first.robot.bending_stiffness == pytest.approx(stiffness, rel=0.2)

@@ -14,7 +14,7 @@ from model.prediction.predictor import Predictor
 from model.robot import Robot
 from model.rods import FINE, Rods, solve
 from model.rotation import to_base
-from model.section import body_area, body_second_moment, rods_of
+from model.section import rods_of
 from tests.model.effects.campaigns import Moved
 from tests.model.rods.reference import REFERENCE
 
@@ -128,7 +128,7 @@ def test_all_chambers_stretch_a_straight_body_up_to_their_end(reference_robot: R
     robot = ending(reference_robot, 0.3, thrust=thrust)
     found = solve(rods_of(robot, conditions(robot, 0.0, np.full(9, 60e3))), FINE).trusted().tip[0]
     push = 9 * 60e3 * robot.chambers.area
-    np.testing.assert_allclose(found, [0.0, 0.0, 0.4 + 0.3 * push / (robot.youngs_modulus * body_area(robot))], atol=1e-8)
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.4 + 0.3 * push / (robot.youngs_modulus * body_of(robot).mean_area)], atol=1e-8)
 
 
 @pytest.mark.parametrize("distances", [0.04, [0.036, 0.042, *[0.04] * 7]])
@@ -137,7 +137,7 @@ def test_a_moment_bends_the_body_to_a_circle_up_to_the_chambers_end(reference_ro
     robot = ending(drawn, 0.3, thrust="walls", axial_stiffness=1e9)
     found = solve(rods_of(robot, conditions(robot, 0.0, [90e3, *[0.0] * 8])), FINE).trusted().tip[0]
     moment = 90e3 * robot.chambers.area * np.ravel(distances)[0]
-    curvature = moment / (robot.youngs_modulus * body_second_moment(robot))
+    curvature = moment / (robot.youngs_modulus * body_of(robot).mean_second)
     turn = 0.3 * curvature
     circle = [-(1 - np.cos(turn)) / curvature - 0.1 * np.sin(turn), 0.0, np.sin(turn) / curvature + 0.1 * np.cos(turn)]
     np.testing.assert_allclose(found, circle, atol=1e-6)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from model.body import body_of
 from model.calibration import (
     fit_area_factor,
     fit_area_factor_by_length,
@@ -16,7 +17,6 @@ from model.calibration import (
 from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
-from model.section import body_second_moment
 from tests.model.rods.cases import solved
 
 Bending = Callable[..., States]
@@ -75,7 +75,7 @@ def test_tips_that_do_not_tell_the_factor_are_refused(
 
 def test_body_modulus_comes_back_from_its_stiffness_rows(paper_robot: Robot) -> None:
     y = np.linspace(0.005, 0.04, 8)
-    force = 3 * 5.1e5 * body_second_moment(paper_robot) / paper_robot.length**3 * y + 0.1
+    force = 3 * 5.1e5 * body_of(paper_robot).mean_second / paper_robot.length**3 * y + 0.1
     assert fit_body_modulus(paper_robot, y, force).value == pytest.approx(5.1e5, rel=1e-10)
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from model.arrays import Array
+from model.body import body_of
 from model.compare import error_table
 from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
-from model.section import body_area, body_second_moment, rods_of
+from model.section import rods_of
 from tests.simulated.bench import raises
 
 NINE = np.zeros(9)
@@ -67,7 +68,7 @@ def test_mixing_by_volume_weighs_annulus_and_spine(paper_robot: Robot) -> None:
     share = (0.05**2 - 0.029**2) / 0.05**2
     expected = share * 507147 + (1 - share) * 4.389e6
     bend = rods_of(paper_robot, conditions(paper_robot, [0.30, 0.05], np.zeros(9))).field("bend_stiffness")[..., 0]
-    inner, outer = bend.T / body_second_moment(paper_robot)
+    inner, outer = bend.T / body_of(paper_robot).mean_second
     assert inner[0] == pytest.approx(expected, rel=1e-12)
     assert inner[1] < outer[1] == pytest.approx(paper_robot.youngs_modulus)
 
@@ -109,7 +110,7 @@ def test_weight_and_tip_load_point_along_gravity(paper_robot: Robot) -> None:
     sideways = robot_from_dict({**paper_robot.model_dump(), "gravity": [9.81, 0.0, 0.0]})
     batch = rods_of(sideways, conditions(sideways, 0.1, np.zeros(9), tip_mass=0.2))
     np.testing.assert_allclose(batch.field("dead_force")[0], [0.2 * 9.81, 0, 0])
-    np.testing.assert_allclose(batch.field("load")[0, 1], [1300 * body_area(sideways) * 9.81, 0, 0])
+    np.testing.assert_allclose(batch.field("load")[0, 1], [1300 * body_of(sideways).mean_area * 9.81, 0, 0])
 
 
 def test_errors_are_averaged_per_spine_length_and_axis(paper_robot: Robot) -> None:

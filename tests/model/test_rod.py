@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from model.body import body_of
 from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Paper, Status
-from model.section import body_area, rods_of
+from model.section import rods_of
 from tests.model.rods.cases import PRESSURES, REFERENCE, solved
 
 Bending = Callable[..., States]
@@ -27,7 +28,7 @@ def test_tips_agree_with_the_twenty_reference_values(reference_robot: Robot, ben
 
 def test_unpressurised_it_hangs_straight_and_stretches_by_its_weight(paper_robot: Robot) -> None:
     state = conditions(paper_robot, 0.0, np.zeros(9), tip_mass=0.25)
-    length, area = paper_robot.length, body_area(paper_robot)
+    length, area = paper_robot.length, body_of(paper_robot).mean_area
     stretch = (0.25 * 9.81 * length + 1300 * area * 9.81 * length**2 / 2) / (paper_robot.youngs_modulus * area)
     np.testing.assert_allclose(solved(paper_robot, state).tip[0], [0, 0, length + stretch], atol=1e-10)
 

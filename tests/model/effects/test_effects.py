@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from model.arrays import Array
+from model.body import body_of
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Robot, robot_from_dict
-from model.section import body_area, body_second_moment
 from tests.model.effects.campaigns import Moved, campaign, pushes
 
 ON_FORCE = {"force_bias", "arm_compliance", "contact_offset"}
@@ -143,7 +143,7 @@ def bent_by(robot: Robot, pressure: Array) -> tuple[Array, float]:
     """Push of each chamber, N, at pressures times the area factor, and the angle M L / EI by which they bend the body, rad."""
     push, azimuth = pressure * robot.chambers.area, np.deg2rad(robot.chambers.azimuths_deg)
     moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
-    return push, float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
+    return push, float(np.hypot(*moment)) / (robot.youngs_modulus * body_of(robot).mean_second) * robot.length
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc_or_as_it_gr
     s = (np.arange(400) + 0.5) / 400
     for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
         push, bend = bent_by(robot, pressure * moved.forward.area_factor[0])
-        long = robot.length * (1 + (1 - borne) * push.sum() / (robot.youngs_modulus * body_area(robot)))
+        long = robot.length * (1 + (1 - borne) * push.sum() / (robot.youngs_modulus * body_of(robot).mean_area))
         turned = bend * (s + growth * (s**3 - s))
         assert np.hypot(*tip[:2]) == pytest.approx(long * np.sin(turned).mean(), abs=1e-5)
         assert abs(tip[2]) == pytest.approx(long * np.cos(turned).mean(), abs=1e-5)

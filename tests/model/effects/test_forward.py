@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from model.body import body_of
 from model.condition import conditions
 from model.effects import ForwardModel, design_from_columns
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.rotation import from_vector, multiply
-from model.section import body_second_moment
 from tests.model.effects.campaigns import Moved, campaign, pushes
 from tests.model.rods.cases import solved
 from tests.simulated.bench import raises
@@ -154,7 +154,7 @@ def test_a_table_of_stiffness_trials_alone_needs_no_pressures(paper_robot: Robot
     forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
     y, jacobian = forward.linearise(np.zeros(len(forward.parameters)))
     # Bending and shear in series; the weight holds the body up beside them, 3/8 of it over the length.
-    second, long = body_second_moment(paper_robot), paper_robot.length
+    second, long = body_of(paper_robot).mean_second, paper_robot.length
     area = math.pi * (paper_robot.outer_radius**2 - paper_robot.inner_radius**2)
     soft = long**3 / (3 * paper_robot.youngs_modulus * second) + long / (paper_robot.shear_modulus * area)
     held = (0.375 * paper_robot.density * area * long + 1.2 * paper_robot.tip_mass) * 9.81 / long

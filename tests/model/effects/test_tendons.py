@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from model.actuators import PULL_AREA
+from model.body import body_of
 from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.laws.tendons import PLACES, _by_weight
 from model.robot import Robot, robot_from_dict
-from model.section import body_area, body_second_moment
 from tests.model.effects.campaigns import Moved
 
 TENSIONS = np.array([0.0, 10.0, 20.0, 10.0, 0.0])
@@ -101,9 +101,9 @@ def test_the_bend_on_the_way_to_each_place_is_that_of_a_body_that_hangs_under_it
     turned = np.unwrap(np.arctan2(steps[:, 0], steps[:, 2]))
     curvature = np.diff(turned) / np.diff(arcs)[1:]
     tip, mean = curvature[-1], turned[-1] / (arcs[-1] + arcs[-2]) * 2  # of the last chord's middle
-    stiffness = robot.youngs_modulus * body_second_moment(robot)
+    stiffness = robot.youngs_modulus * body_of(robot).mean_second
     q = SimpleNamespace(
-        density=np.array([[robot.density]]), body=SimpleNamespace(mean=float, weight_area=body_area(robot)), robot=robot,
+        density=np.array([[robot.density]]), body=SimpleNamespace(mean=float, weight_area=body_of(robot).mean_area), robot=robot,
         payload=np.zeros((1, 1)), design=SimpleNamespace(tip_mass=np.array([robot.tip_mass])),
     )  # fmt: skip
     h: Any = SimpleNamespace(quantities=q, bend_stiffness=np.full((1, 1, 2), stiffness))
