@@ -98,14 +98,9 @@ class Actuators(FileTable):
     """Arc length at which each ends; by default the tip's."""
 
     @property
-    def mean_radius(self) -> float:
-        """m, the mean of their distances from the axis."""
-        return float(np.mean(self.path_radius))
-
-    @property
     def levers(self) -> Array:
         """(actuators,) distance of each from the axis over their mean."""
-        return np.broadcast_to(np.divide(self.path_radius, self.mean_radius), len(self.azimuths_deg))
+        return np.broadcast_to(np.divide(self.path_radius, np.mean(self.path_radius)), len(self.azimuths_deg))
 
 
 class Chambers(Actuators):

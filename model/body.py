@@ -150,7 +150,7 @@ def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
         weighing = referred("mass_per_length", along("density", robot.density) / robot.density * area)
     chamber_radius = part.at("chamber_radius", share)
     chamber = np.full(share.shape, robot.actuators.area) if chamber_radius is None else math.pi * chamber_radius**2
-    path = along("path_radius", robot.actuators.mean_radius)
+    path = along("path_radius", float(np.mean(robot.actuators.path_radius)))
     stretch, bend, twist = (1 / float(WEIGHTS @ (1 / x)) for x in (axial, bending, torsion))
     # Chambers act on a section in proportion to its compliance, so their areas and radii are means weighted by it.
     pushed = stretch * float(WEIGHTS @ (chamber / axial))

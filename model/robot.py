@@ -262,7 +262,7 @@ class Robot(Shown, FileTable):
             return [f"{kind}.{name}: {n} lengths, must be one for each of {count} azimuths_deg" for name, n in wrong.items()]
         radii = {
             "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
-            "chamber_radius": actuators.radius, "path_radius": actuators.mean_radius,
+            "chamber_radius": actuators.radius, "path_radius": float(np.mean(actuators.path_radius)),
         }  # fmt: skip
         spine = self.spine.radius if self.spine else None
         problems = [*section_problems(self.sections, self.length, radii, spine, actuators.levers)]

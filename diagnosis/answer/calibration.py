@@ -120,7 +120,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     without the chambers' cavities. Of a softer body, where no area factor makes up for them yet, it is as probable before as
     not that they change E I, by exp(c).
     """
-    path, name = robot.actuators.mean_radius, robot.actuators.words.kind
+    path, name = float(np.mean(robot.actuators.path_radius)), robot.actuators.words.kind
     powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "pressures": (-1.0, GAIN_SD)}
     if robot.chambers is not None:
         powers["chambers.radius"] = (-0.5, 2 * GEOMETRY_SD / robot.chambers.radius)

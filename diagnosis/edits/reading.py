@@ -17,11 +17,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from model.body import body_of
+from model.body import annulus_second_moment, body_of
 from model.errors import BadCondition
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, to_base
-from model.section import annulus_second_moment
 from recordings.trials import Table
 
 from .. import judgement

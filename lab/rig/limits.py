@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from drivers.chambers import ChamberMap
-from model.body import body_of
+from model.body import annulus_second_moment, body_of
 from model.robot import Robot
-from model.section import annulus_second_moment
 from protocols.arm_accuracy import distance
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies

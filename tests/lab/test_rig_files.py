@@ -325,6 +325,11 @@ def lines(before: str, after: str) -> tuple[list[str], list[str]]:
     return [x for x in old if x not in new], [x for x in new if x not in old]
 
 
+def test_a_marker_is_a_number_or_a_table() -> None:
+    for wrong, says in (("true", "must be a number in m"), ("{arc_length: 1 cm}", "offset: is missing; give it in m")):
+        refused(says, robot_of, ARM.replace("markers: [10 cm", f"markers: [{wrong}"))
+
+
 def test_a_robot_that_did_not_change_is_written_as_it_was_given() -> None:
     for text in (ARM, ARM.replace("\n", "\r\n"), ARM.rstrip("\n"), "\ufeff" + ARM):
         assert robot_yaml(robot_of(text), text) == text
