@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field, FiniteFloat
-from pydantic.types import Discriminator, Tag
+from pydantic import Field, FiniteFloat, Tag
 
 from model.arrays import Array
-from model.plain_yaml import FileTable
+from model.plain_yaml import FORM, FileTable
 
 PULL_AREA = 1e-4
 """m^2: tables hold the tension T of a tendon as the pressure T / 1 cm^2, so 1 N is 10 kPa."""
@@ -80,10 +79,7 @@ class Words:
 
 
 Distance = Annotated[FiniteFloat, Field(gt=0, le=1)]
-NumberOrList = Annotated[
-    Annotated[Distance, Tag("number")] | Annotated[tuple[Distance, ...], Tag("list")],
-    Discriminator(lambda value: "list" if isinstance(value, (list, tuple)) else "number"),
-]
+NumberOrList = Annotated[Annotated[Distance, Tag("number")] | Annotated[tuple[Distance, ...], Tag("list")], FORM]
 
 
 class Actuators(FileTable):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Discriminator, ValidationError
 
 from model.errors import ModelError
 
@@ -38,6 +38,10 @@ DEEPEST = 20
 """Tables and lists within each other; the files of this project have five."""
 MOST_VALUES = 10_000
 """Keys and values of a file."""
+FORM = Discriminator(
+    lambda value: "list" if isinstance(value, (list, tuple)) else "table" if isinstance(value, (dict, FileTable)) else "number"
+)
+"""Tells the forms apart that the value of one field may have."""
 TAGS = ("number", "table", "list", "[key]")
 """Parts of an error's place that are no keys of a file: forms of a value, and that a key is wrong."""
 LONGEST_NUMBER = 40

@@ -14,13 +14,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
-from pydantic.types import Discriminator, Tag
+from pydantic import BaseModel, Field, FiniteFloat, Tag, ValidationInfo, field_validator, model_validator
 
 from model.actuators import PULL_AREA, Chambers, Tendons
 from model.arrays import Array
 from model.errors import BadRobot
-from model.plain_yaml import FileTable, checked, loaded, unit_at
+from model.plain_yaml import FORM, FileTable, checked, loaded, unit_at
 from model.rotation import rolled
 from model.sections import Positive, Section, Weight, section_problems
 from model.shown import Shown
@@ -73,10 +72,7 @@ STATED = ("effects", "tolerances")
 """Tables of robot.yaml of which `Robot.stated` has each value."""
 THRUST = "chamber_thrust"
 """The effect that describes thrust on the side walls."""
-NumberOrTable = Annotated[
-    Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")],
-    Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
-]
+NumberOrTable = Annotated[Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")], FORM]
 
 
 class Spine(FileTable):
@@ -98,10 +94,7 @@ class Marker(FileTable):
     """From the axis, along the base's x and y while the robot is straight and not rolled."""
 
 
-NumberOrMarker = Annotated[
-    Annotated[ArcLength, Tag("number")] | Annotated[Marker, Tag("table")],
-    Discriminator(lambda value: "table" if isinstance(value, (dict, Marker)) else "number"),
-]
+NumberOrMarker = Annotated[Annotated[ArcLength, Tag("number")] | Annotated[Marker, Tag("table")], FORM]
 
 
 class Pose(FileTable):

@@ -131,8 +131,7 @@ def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
     """Fill, in one pass, the results of points and, `inside`, those of base and spine's end and the parts' mean strains."""
     layout, result = solved.layout, solved.result
     places = _places(layout, rods, solved.points[..., 2], inside)
-    place_count = places.shape[1]
-    own = slice(place_count - solved.points.shape[1], place_count)
+    own = slice(places.shape[1] - solved.points.shape[1], places.shape[1])
     if inside:
         gauss_points, weights = rod.gauss_points(rods, STRAIN_POINTS)
         places = np.concatenate([places, gauss_points], axis=1)
@@ -143,7 +142,7 @@ def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
     if inside:
         result[:, at.BASE : at.BASE + 4] = at_stations.orientation[:, 0]
         result[:, at.JOINT : at.JOINT + 4] = at_stations.orientation[:, 1]
-        strain = at_stations.strain[:, place_count:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
+        strain = at_stations.strain[:, own.stop :].reshape(len(result), layout.form.elements, STRAIN_POINTS)
         shares = _shares(layout, rods)
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
