@@ -89,9 +89,8 @@ def places_of(samples: NDArray[np.void]) -> NDArray[np.float64]:
 def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     """Which body is farther from the base, or from another one, than the robot is long between them, for people; empty where none
     is. `places` (samples, bodies, 3) m; the message names the worst distance."""
-    worst, text = 0.0, ""
-    off_axis, arcs = dict(enumerate(bodies.off)), bodies.arcs[: places.shape[1]]
-    points = [(_name(i), arc, off_axis.get(i, 0.0), places[:, i]) for i, arc in enumerate(arcs)]
+    worst, text, aside = 0.0, "", dict(enumerate(bodies.off))
+    points = [(_name(i), arc, aside.get(i, 0.0), places[:, i]) for i, arc in enumerate(bodies.arcs[: places.shape[1]])]
     for i, (name, arc, off, place) in enumerate(points):
         for other_name, other_arc, other_off, other_place in [("the base", 0.0, 0.0, np.zeros(3)), *points[:i]]:
             distances = np.linalg.norm(place - other_place, axis=1)
