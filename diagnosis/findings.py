@@ -109,8 +109,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "tracked_turn": "the tracked body is turned by {deg:.1f} deg about {about} on the tip (allowed for): {remedy}",
         "marker_off_axis": (
-            "marker {number} stands {off:.3g} mm off the body's axis at rest, at arc length {found:.4g} mm ({given:.4g} mm in "
-            "robot.yaml). The model has markers on the axis alone, so it is ignored: give the centre of the section there"
+            "marker {number} is at rest {off:.3g} mm from where robot.yaml has it, and is ignored: if it is fixed there, write "
+            "`{entry}` as its entry of `markers` in robot.yaml; else give the centre of its section in the table"
         ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"

@@ -114,3 +114,9 @@ def heading(name: str, mapped: Mapped | None) -> str:
 def _write(key: str, value: str, mapped: Mapped) -> str:
     """A key of the map, as it is written in a call or a file."""
     return f"write {key}={value} in lab.case" if mapped.call else f"write `{key}: {value}` in map.yaml"
+
+
+def marker_entry(place: Array) -> str:
+    """The entry of `markers` of robot.yaml of a marker at x, y and arc length (m) of the straight robot."""
+    x, y, along = (f"{value:.4g} mm" for value in 1e3 * place)
+    return f"{{arc_length: {along}, offset: [{x}, {y}]}}" if place[:2].any() else along

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field, FiniteFloat
+import numpy as np
+from pydantic import Field, FiniteFloat, Tag
 
 from model.arrays import Array
-from model.plain_yaml import FileTable
+from model.plain_yaml import FORM, FileTable
 
 PULL_AREA = 1e-4
 """m^2: tables hold the tension T of a tendon as the pressure T / 1 cm^2, so 1 N is 10 kPa."""
@@ -77,15 +78,25 @@ class Words:
         return f"{named} {', '.join(map(str, numbers))}" if numbers else f"nothing {self.inflated}"
 
 
+Distance = Annotated[FiniteFloat, Field(gt=0, le=1)]
+NumberOrList = Annotated[Annotated[Distance, Tag("number")] | Annotated[tuple[Distance, ...], Tag("list")], FORM]
+
+
 class Actuators(FileTable):
     """What chambers and tendons have in common."""
 
-    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m", "uncertainty": "path_radius"})
+    path_radius: NumberOrList = Field(json_schema_extra={"unit": "m", "uncertainty": "path_radius"})
+    """Of all or of each."""
     azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
         min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
     )
     ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc length at which each ends or is fastened; by default at the tip."""
+    """Arc length at which each ends; by default the tip's."""
+
+    @property
+    def levers(self) -> Array:
+        """(actuators,) distance of each from the axis over their mean."""
+        return np.broadcast_to(np.divide(self.path_radius, np.mean(self.path_radius)), len(self.azimuths_deg))
 
 
 class Chambers(Actuators):

@@ -50,7 +50,9 @@ class Body:
     chamber_area: Array
     """(k, actuators) m^2 of each chamber, geometric, 0 where it has ended; of tendons negative, see `Tendons.area`."""
     path_radius: Array
-    """m."""
+    """m, the mean of the actuators."""
+    levers: Array
+    """(actuators,) distance of each from the axis over that mean."""
 
     def __len__(self) -> int:
         return len(self.area)
@@ -116,7 +118,7 @@ def body_of(robot: Robot) -> Body:
     stretch, bend, twist, weight, outer, chamber, path = np.array(values).T
     acts = np.array(edges)[:-1, None] < ends[None, :] - 1e-9
     area = acts * chamber[:, None]
-    return Body(np.array(edges), stretch, bend, twist, weight, outer, area, path)
+    return Body(np.array(edges), stretch, bend, twist, weight, outer, area, path, robot.actuators.levers)
 
 
 def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
@@ -148,7 +150,7 @@ def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
         weighing = referred("mass_per_length", along("density", robot.density) / robot.density * area)
     chamber_radius = part.at("chamber_radius", share)
     chamber = np.full(share.shape, robot.actuators.area) if chamber_radius is None else math.pi * chamber_radius**2
-    path = along("path_radius", robot.actuators.path_radius)
+    path = along("path_radius", float(np.mean(robot.actuators.path_radius)))
     stretch, bend, twist = (1 / float(WEIGHTS @ (1 / x)) for x in (axial, bending, torsion))
     # Chambers act on a section in proportion to its compliance, so their areas and radii are means weighted by it.
     pushed = stretch * float(WEIGHTS @ (chamber / axial))

@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from model.arrays import Array
+from model.body import annulus_second_moment, body_of
 from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.rods.beam import bar_deflection
-from model.section import annulus_second_moment, body_of, rods_of
+from model.section import rods_of
 
 
 def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Discriminator, ValidationError
 
 from model.errors import ModelError
 
@@ -38,6 +38,12 @@ DEEPEST = 20
 """Tables and lists within each other; the files of this project have five."""
 MOST_VALUES = 10_000
 """Keys and values of a file."""
+FORM = Discriminator(
+    lambda value: "list" if isinstance(value, (list, tuple)) else "table" if isinstance(value, (dict, FileTable)) else "number"
+)
+"""Tells the forms apart that the value of one field may have."""
+TAGS = ("number", "table", "list", "[key]")
+"""Parts of an error's place that are no keys of a file: forms of a value, and that a key is wrong."""
 LONGEST_NUMBER = 40
 """Characters of a number."""
 LARGEST_INTEGER = 2**53
@@ -140,7 +146,7 @@ def checked(model: type[M], data: Mapping[str, Any], nested: Nested, refused: ty
 
 def _complaint(error: Any, model: type[BaseModel], nested: Nested) -> str:
     """Place, value, unit and limit of one error of validation."""
-    place = ".".join(str(part) for part in error["loc"] if part not in ("number", "table", "[key]")) or model.__name__.lower()
+    place = ".".join(str(part) for part in error["loc"] if part not in TAGS) or model.__name__.lower()
     message = str(error["msg"]).removeprefix("Value error, ")
     if error["type"] in ("missing", "value_error"):
         return f"{place}: {message}"

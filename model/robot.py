@@ -14,13 +14,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
-from pydantic.types import Discriminator, Tag
+from pydantic import BaseModel, Field, FiniteFloat, Tag, ValidationInfo, field_validator, model_validator
 
 from model.actuators import PULL_AREA, Chambers, Tendons
 from model.arrays import Array
 from model.errors import BadRobot
-from model.plain_yaml import FileTable, checked, loaded, unit_at
+from model.plain_yaml import FORM, FileTable, checked, loaded, unit_at
+from model.rotation import rolled
 from model.sections import Positive, Section, Weight, section_problems
 from model.shown import Shown
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
@@ -41,30 +41,20 @@ def smooth_at(table: tuple[tuple[float, float], ...], length: Array) -> Array:
     """
     if len(table) < 2:
         return np.full(length.shape, table[0][1])
-    x, y, slope = _curve(table)
-    inside = np.clip(length, x[0], x[-1])
-    k = np.clip(np.searchsorted(x, inside, side="right") - 1, 0, len(x) - 2)
-    h, rise = x[k + 1] - x[k], y[k + 1] - y[k]
-    s, a, b = (inside - x[k]) / h, h * slope[k], h * slope[k + 1]
-    curve = y[k] + s * (a + s * (3 * rise - 2 * a - b + s * (a + b - 2 * rise)))
-    steep = np.where(length < x[0], slope[0] / y[0], slope[-1] / y[-1]) / MOST_BEYOND
-    return np.asarray(curve * np.exp(MOST_BEYOND * np.tanh(steep * (length - inside))))
+    curve, steepness = _curve(table)
+    inside = np.clip(length, table[0][0], table[-1][0])
+    steep = np.where(length < table[0][0], *steepness) / MOST_BEYOND
+    return np.asarray(curve(inside) * np.exp(MOST_BEYOND * np.tanh(steep * (length - inside))))
 
 
 @lru_cache(maxsize=64)
-def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Array, Array, Array]:
-    """Lengths and values (n,) of a table, and slopes there: harmonic means, 0 at an extremum; at the ends by three points."""
-    x, y = np.array(table).T
-    h, m = np.diff(x), np.diff(y) / np.diff(x)
-    slope = np.full(len(x), m[0])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        means = 3 * (h[1:] + h[:-1]) / ((2 * h[1:] + h[:-1]) / m[:-1] + (h[1:] + 2 * h[:-1]) / m[1:])
-    slope[1:-1] = np.where(m[1:] * m[:-1] > 0, means, 0.0)
-    for e, f in ((0, 1), (-1, -2)) if len(x) > 2 else ():
-        steep = ((2 * h[e] + h[f]) * m[e] - h[e] * m[f]) / (h[e] + h[f])
-        turns = m[e] * m[f] < 0 and abs(steep) > 3 * abs(m[e])
-        slope[e] = 0.0 if steep * m[e] <= 0 else 3 * m[e] if turns else steep
-    return x, y, slope
+def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Callable[[Array], Array], Array]:
+    """The curve between the entries of a table, and its slopes over its values (1/m) at both ends."""
+    from scipy.interpolate import PchipInterpolator  # which a robot without such a table does without
+
+    curve = PchipInterpolator(*np.array(table).T)
+    ends = np.array([table[0][0], table[-1][0]])
+    return curve, curve(ends, nu=1) / curve(ends)
 
 
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -74,15 +64,15 @@ Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e12, json_schema_extra={"unit
 Gravity = Annotated[FiniteFloat, Field(ge=-30, le=30)]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
 
+ArcLength = Annotated[FiniteFloat, Field(gt=0, le=5)]
+FromAxis = Annotated[FiniteFloat, Field(ge=-1, le=1)]
+
 LIMITS = {"max_pressure", "max_tension"}
 STATED = ("effects", "tolerances")
 """Tables of robot.yaml of which `Robot.stated` has each value."""
 THRUST = "chamber_thrust"
 """The effect that describes thrust on the side walls."""
-NumberOrTable = Annotated[
-    Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")],
-    Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
-]
+NumberOrTable = Annotated[Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")], FORM]
 
 
 class Spine(FileTable):
@@ -94,6 +84,17 @@ class Spine(FileTable):
     def modulus_at(self, spine_length: ArrayLike) -> Array:
         """Young's modulus (Pa) at spine length (m), see `model.robot`."""
         return smooth_at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
+
+
+class Marker(FileTable):
+    """A marker beside the body's axis, fixed to a section."""
+
+    arc_length: ArcLength = Field(json_schema_extra={"unit": "m"})
+    offset: tuple[FromAxis, FromAxis] = Field(json_schema_extra={"unit": "m"})
+    """From the axis, along the base's x and y while the robot is straight and not rolled."""
+
+
+NumberOrMarker = Annotated[Annotated[ArcLength, Tag("number")] | Annotated[Marker, Tag("table")], FORM]
 
 
 class Pose(FileTable):
@@ -149,7 +150,7 @@ class Uncertainty(FileTable):
 
 
 class Robot(Shown, FileTable):
-    """The soft robot of one case; see docs/explanations/model.md for how each value enters the equations."""
+    """The soft robot of one case; how its values enter the equations: docs/explanations/model.md."""
 
     predict: ClassVar[Callable[..., Any]]
     inverse: ClassVar[Callable[..., Any]]
@@ -186,8 +187,8 @@ class Robot(Shown, FileTable):
     """What takes the chambers' thrust: a cap where the longest chamber ends, or the side walls, which always carry that of
     chambers ending more than an outer radius before. Unless stated, a diagnosis settles it."""
     spine: Spine | None = None
-    markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc lengths of the markers, which lie on the body's axis."""
+    markers: tuple[NumberOrMarker, ...] = Field(default=(), json_schema_extra={"unit": "m"})
+    """Arc lengths, or tables of those beside the axis."""
     base_to_world: Pose | None = None
     """For the record alone; a map.yaml states it by `frame`, and by `zero` of columns x, y, z."""
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
@@ -249,11 +250,15 @@ class Robot(Shown, FileTable):
         """One line for each contradiction between sections, radii, densities, actuators and lengths."""
         kind = "chambers" if self.tendons is None else "tendons"
         actuators, count = self.actuators, len(self.actuators.azimuths_deg)
+        lists = {name: x for name in ("path_radius", "ends") if isinstance(x := getattr(actuators, name), tuple)}
+        if wrong := {name: len(x) for name, x in lists.items() if len(x) != count and (x or name != "ends")}:
+            return [f"{kind}.{name}: {n} lengths, must be one for each of {count} azimuths_deg" for name, n in wrong.items()]
         radii = {
             "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
-            "chamber_radius": actuators.radius, "path_radius": actuators.path_radius,
+            "chamber_radius": actuators.radius, "path_radius": float(np.mean(actuators.path_radius)),
         }  # fmt: skip
-        problems = [*section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None, count == 1)]
+        spine = self.spine.radius if self.spine else None
+        problems = [*section_problems(self.sections, self.length, radii, spine, actuators.levers)]
         if self.tendons is not None and self.thrust is not None:
             problems.append("thrust: says nothing of a robot with tendons: leave it out")
         if self.tendons is None and self.max_tension is not None:
@@ -262,14 +267,13 @@ class Robot(Shown, FileTable):
             problems.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
         if self.tendons is not None and any(part.chamber_radius is not None for part in self.sections):
             problems.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
-        if actuators.ends and len(actuators.ends) != count:
-            problems.append(f"{kind}.ends: {len(actuators.ends)} arc lengths, must be one for each of {count} azimuths_deg")
         most = max(map(abs, actuators.azimuths_deg))
         if most <= 2 * math.pi and most != round(most):
             problems.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
         beyond = [s for s in actuators.ends if s > self.length * (1 + 1e-9)]
         problems += [f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond]
-        problems += [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length]
+        arcs = self.marker_places()[:, 2].tolist()
+        problems += [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in arcs if s > self.length]
         tables: dict[str, Mapping[float, float]] = {"spine.modulus": self.spine.modulus if self.spine else {}}
         if isinstance(self.area_factor, dict):
             tables["area_factor"] = self.area_factor
@@ -289,6 +293,12 @@ class Robot(Shown, FileTable):
         table = sorted(self.area_factor.items()) if isinstance(self.area_factor, dict) else [(0.0, self.area_factor)]
         return np.interp(np.asarray(spine_length, float), *np.array(table).T)
 
+    def marker_places(self, roll: ArrayLike = 0.0) -> Array:
+        """(.., markers, 3) m where its markers are while it is straight, mounted rolled by `roll` (..) rad: x, y, arc length."""
+        given = [(*m.offset, m.arc_length) if isinstance(m, Marker) else (0.0, 0.0, m) for m in self.markers]
+        x, y, along = np.reshape(given, (-1, 3)).T
+        return np.stack(np.broadcast_arrays(*rolled(np.asarray(roll)[..., None], x, y), along), axis=-1)
+
     @property
     def actuators(self) -> Chambers | Tendons:
         """What bends it."""
@@ -298,8 +308,8 @@ class Robot(Shown, FileTable):
 
     @property
     def bending_directions(self) -> NDArray[np.complex128]:
-        """(actuators,) x + iy of unit length: where each bends the tip, away from a chamber, towards a tendon."""
-        return -np.sign(self.actuators.area) * np.exp(1j * np.radians(self.actuators.azimuths_deg))
+        """(actuators,) x + iy where each bends the tip, away from a chamber, towards a tendon; 1 long at their mean distance."""
+        return -np.sign(self.actuators.area) * self.actuators.levers * np.exp(1j * np.radians(self.actuators.azimuths_deg))
 
     def with_modulus(self, factor: float) -> Robot:
         """The same robot this many times as stiff, whether by its material or as given, unchecked."""
@@ -400,6 +410,6 @@ def load_robot(path: Path) -> Robot:
 
 NESTED: Mapping[str, type[BaseModel]] = {
     "chambers": Chambers, "tendons": Tendons, "spine": Spine, "base_to_world": Pose, "posterior": Posterior, "noise": Noise,
-    "residual": Residual, "uncertainty": Uncertainty, "sections": Section,
+    "residual": Residual, "uncertainty": Uncertainty, "sections": Section, "markers": Marker,
 }  # fmt: skip
 """Key of robot.yaml -> the table that it holds."""

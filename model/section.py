@@ -13,15 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from model.arrays import Array
-from model.body import annulus_second_moment, body_of
+from model.body import body_of
 from model.condition import States
 from model.robot import Robot
 
 if TYPE_CHECKING:
     from model.rods import Rods
-
-
-__all__ = ["annulus_second_moment", "body_mass", "body_of", "rods_of"]
 
 
 def body_mass(robot: Robot) -> float:

@@ -33,6 +33,7 @@ class Section(FileTable):
     chamber_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
     """0: the chambers do not reach here."""
     path_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    """The mean."""
 
     @property
     def tapers(self) -> bool:
@@ -49,10 +50,11 @@ class Section(FileTable):
 
 
 def section_problems(
-    sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None, alone: bool
+    sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None, levers: Array
 ) -> Iterator[str]:
-    """One line for each misfit of sections, length, `radii` (by field of `Section`) and spine radius, m; `alone`: one chamber."""
-    uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine, alone))
+    """One line for each misfit of sections, length, `radii` (by field of `Section`) and spine radius, m; `levers`: distance of
+    each chamber from the axis over their mean."""
+    uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine, levers))
     yield from uniform
     if uniform or not sections:
         return
@@ -62,10 +64,10 @@ def section_problems(
     for i, part in enumerate(sections):
         along = {name: part.at(name, np.array([0.0, 1.0])) for name in radii}
         of_section = {name: np.full(2, radii[name]) if x is None else x for name, x in along.items()}
-        yield from _crossing(f"sections[{i}]: ", of_section, spine, alone)
+        yield from _crossing(f"sections[{i}]: ", of_section, spine, levers)
 
 
-def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, alone: bool) -> Iterator[str]:
+def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, levers: Array) -> Iterator[str]:
     """One line for each pair of radii (m) that cross: of the wall, the chambers in it and the spine; `place` begins it."""
     outer, inner, chamber, path = (radii[k] for k in ("outer_radius", "inner_radius", "chamber_radius", "path_radius"))
     if (inner >= outer).any():
@@ -74,7 +76,7 @@ def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, alone
         return
     # A chamber may touch the wall's surfaces (rounded drawings do), not cross them; where there is no bore, two chambers would
     # overlap at the axis, but one alone may reach over it.
-    low, high, over_axis = path - chamber, path + chamber, alone & (inner == 0)
+    low, high, over_axis = path * levers.min() - chamber, path * levers.max() + chamber, (len(levers) == 1) & (inner == 0)
     crosses = (chamber > 0) & ((~over_axis & (low < inner * (1 - 1e-9))) | (high > outer * (1 + 1e-9)))
     if crosses.any():
         k = int(np.argmax(crosses))

@@ -306,9 +306,9 @@ class Trials:
                 "for another, or the robot or a camera was moved"
             )
         self._rest.setdefault(hangs, row)
-        distances = [math.hypot(*marker) for marker in row.markers]  # from the base: a body at rest is about straight
-        if len(state.bodies.arcs) == 1 and all(map(math.isfinite, distances)):  # only the tip's arc length is known yet
-            self.bench.bodies = replace(state.bodies, arcs=(*state.bodies.arcs, *distances))
+        off = [math.hypot(x, y) for x, y, _ in row.markers]  # from the axis: a body at rest is about straight
+        if len(state.bodies.arcs) == 1 and all(map(math.isfinite, off)):  # only the tip's arc length is known yet
+            self.bench.bodies = replace(state.bodies, arcs=(*state.bodies.arcs, *(z for _, _, z in row.markers)), off=(0.0, *off))
 
     def _wanted_again(self, rule: Settled | Window | Crossing) -> bool:
         """Whether a person wants the state that was just read to be read once more."""

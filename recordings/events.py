@@ -5,7 +5,7 @@ They hold text, so their layout is not fixed and the protobuf runtime encodes th
 fields are for looking and plotting; the field `json` holds everything, exactly, and is what is read back, with what came
 later: `clipped`, `repeats` (the number of the state that was read again, 0 where none was), and on /state the vacuum that
 the spine must keep (`vacuum_since`, `vacuum_lowest`, `vacuum_highest`), `least_force`, and where the robot allows bodies
-to be (`bodies_since`, `bodies_arcs`, `bodies_stretch`), where they were demanded.
+to be (`bodies_since`, `bodies_arcs`, `bodies_stretch`, `bodies_off`), where they were demanded.
 
 What is only known at the end of a trial, or later than a row, is an event of its own, which tables apply to the rows: /zero
 (how the force sensor's zero moved during a trial) and /mark (why the states of a trial up to then are in doubt).
@@ -92,7 +92,7 @@ STATE = _ours(
     "t double s, number int64, trial int64, step int64, protocol string, repeat int64, branch string, rule string, "
     "t_start double s, rate double Pa/s, targets double* Pa, spine_length double m, json string, clipped bool, repeats int64, "
     "vacuum_since double s, vacuum_lowest double Pa, vacuum_highest double Pa, least_force double N, bodies_since double s, "
-    "bodies_arcs double* m, bodies_stretch double",
+    "bodies_arcs double* m, bodies_stretch double, bodies_off double* m",
 )  # fmt: skip
 TRIAL = _ours(
     "Trial", "/trial",
@@ -234,7 +234,7 @@ def _state(log_time: int, m: Any) -> StateEvent:
     if m.HasField("vacuum_since"):
         vacuum = checked(VacuumBand(m.vacuum_since, m.vacuum_lowest, m.vacuum_highest))
     if m.HasField("bodies_since"):
-        bodies = checked(Bodies(m.bodies_since, tuple(m.bodies_arcs), m.bodies_stretch))
+        bodies = checked(Bodies(m.bodies_since, tuple(m.bodies_arcs), m.bodies_stretch, tuple(m.bodies_off)))
     least_force = m.least_force if m.HasField("least_force") else None
     state = replace(State.from_json(m.json), clipped=m.clipped, vacuum=vacuum, least_force=least_force, bodies=bodies)
     return StateEvent(m.t, m.number, checked(state), m.repeats)

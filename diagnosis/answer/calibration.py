@@ -120,7 +120,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     without the chambers' cavities. Of a softer body, where no area factor makes up for them yet, it is as probable before as
     not that they change E I, by exp(c).
     """
-    path, name = robot.actuators.path_radius, robot.actuators.words.kind
+    path, name = float(np.mean(robot.actuators.path_radius)), robot.actuators.words.kind
     powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "pressures": (-1.0, GAIN_SD)}
     if robot.chambers is not None:
         powers["chambers.radius"] = (-0.5, 2 * GEOMETRY_SD / robot.chambers.radius)
@@ -135,7 +135,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     out, change, cavities = [], 0.0, 0.0  # the cavities' -c, and the probability that they change E I
     if robot.chambers is not None and robot.bending_stiffness is None and robot.area_factor == 1.0 and stiffness < 1:
         area = robot.chambers.area
-        second = len(robot.chambers.azimuths_deg) * area * (area / (4 * np.pi) + path**2 / 2)
+        second = float((area * (area / (4 * np.pi) + (path * robot.chambers.levers) ** 2 / 2)).sum())
         change = -float(np.log(max(1 - second / body_of(robot).mean_second, TINY)))
         cavities = float(expit(change * (d - change / 2) / total))
         if change > d / 2:

@@ -99,7 +99,7 @@ def _parts(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[_Part
         for rows in rows_by(np.searchsorted(np.quantile(s.time[known], [0.25, 0.5, 0.75]), s.time[known])):
             own = known[rows]
             yield ("time", float(np.round(s.time[own].mean(), 6)), s.trial[own], gap[own], floor)
-    for arc, marker in zip(p.robot.markers, p.points(missed)[1:, seen], strict=False):
+    for arc, marker in zip(p.robot.marker_places()[:, 2], p.points(missed)[1:, seen], strict=False):
         own = np.asarray(np.isfinite(marker).all(axis=1))
         if np.isfinite(marker).any():
             yield ("arc_length", float(arc), s.trial[own], marker[own], floor)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from model.robot import Robot
+from model.robot import Marker, Robot
 from model.rotation import CONJUGATE, from_vector, multiply, to_base
 from recordings.trials import NO_MOUNT, ORIENTATION, TIP, Table, marker_columns, pressure_columns
 
@@ -67,7 +67,8 @@ class Variants:
         one = np.ones((1, 1))
         of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force,
                      tip_moments(robot, table), table.tip, table.orientation, table.markers)  # fmt: skip
-        of_robot = (np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.markers, robot.gravity))
+        given = robot.actuators.azimuths_deg, robot.marker_places()[:, 2], robot.gravity
+        of_robot = (np.array(values)[None, None] for values in given)
         return cls(robot, table, one, one, one, one, *of_robot, *(values[None] for values in of_states))
 
     def repeated(self, count: int) -> Variants:
@@ -146,9 +147,12 @@ class Variants:
             factor, area = robot.area_factor, float(self.area[0, 0])
             areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
             robot = robot.model_copy(update={"area_factor": areas})
-        for name, key in (("gravity", "gravity"), ("arcs", "markers")):
-            if name in changed:
-                robot = robot.model_copy(update={key: tuple(changed[name][0].tolist())})
+        if "gravity" in changed:
+            robot = robot.model_copy(update={"gravity": tuple(self.gravity[0, 0].tolist())})
+        if "arcs" in changed:
+            along = zip(robot.markers, self.arcs[0, 0].tolist(), strict=True)
+            markers = tuple(m.model_copy(update={"arc_length": s}) if isinstance(m, Marker) else s for m, s in along)
+            robot = robot.model_copy(update={"markers": markers})
         if "stretch" in changed:
             ratio, drive = float(self.stretch[0, 0]), robot.actuators
             ends: dict[str, Any] = {drive.words.kind: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}

@@ -56,7 +56,7 @@ def every_edit(sample: Sample, near: Fit) -> list[Edit]:
 
 # ------------------------------------------------------------------ robot.yaml
 def _of_robot(sample: Sample) -> Iterator[Edit]:
-    robot, arcs = sample.robot, sample.robot.markers
+    robot, arcs = sample.robot, sample.robot.marker_places()[:, 2]
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
     yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
     if robot.bending_stiffness and robot.spine is None:
@@ -155,9 +155,10 @@ def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 
 
 def _arc(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    arcs = [1e3 * (arc + float(own[0]) * (j == k)) for j, arc in enumerate(robot.markers)]
-    line, given = ", ".join(f"{arc:.4g} mm" for arc in arcs), 1e3 * robot.markers[k]
-    return [mistake("arc_differs", "a marker's arc length", number=k + 1, given=given, found=arcs[k], line=line)]
+    places = robot.marker_places()
+    given, places[k, 2] = 1e3 * places[k, 2], places[k, 2] + own[0]
+    line, found = ", ".join(map(remedies.marker_entry, places)), 1e3 * places[k, 2]
+    return [mistake("arc_differs", "a marker's arc length", number=k + 1, given=given, found=found, line=line)]
 
 
 def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> list[Mistake]:

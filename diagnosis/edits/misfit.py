@@ -24,8 +24,9 @@ import numpy as np
 
 from model.condition import States
 from model.robot import Robot
-from model.rods import Fast, Rods, Solution, solve
-from model.rotation import CONJUGATE, multiply, rotation_vector
+from model.rods import Fast, Rods, Solution, Stations, solve, stations
+from model.rods.fast.walk import WIDTH
+from model.rotation import CONJUGATE, multiply, rotation_vector, to_base
 from model.section import rods_of
 from recordings.trials import Table
 
@@ -170,8 +171,8 @@ class Sample:
             out.append(one)
         return Variants.stacked(out)
 
-    def rods(self, v: Variants) -> Variants:
-        """The same with tips, orientations and markers of the rods; NaN where one has no equilibrium."""
+    def axes(self, v: Variants, arcs: Array) -> tuple[Solution, Stations]:
+        """Equilibria of the v n rods, and these at `arcs` (v, 1, k) m from the base."""
         robot, states = self.robot, self._states
         tip_force = v.force - states.force + (v.mass - states.tip_mass)[:, :, None] * v.gravity
         changed = {
@@ -183,13 +184,17 @@ class Sample:
         rods = rods_of(robot, states, changed)
         shares = rods.field("length") / rods.whole_length[:, None]
         steps = np.maximum(np.ceil(DIVISIONS * shares - 1e-6), 1).astype(np.int64)
-        along = np.repeat(v.arcs[:, 0], len(states), axis=0)
-        arcs = np.clip(along, 0.0, rods.whole_length[:, None]) if v.markers.size else None
-        solution = standing(rods, steps, arcs)
+        return standing(rods, steps, np.clip(np.repeat(arcs[:, 0], len(states), axis=0), 0.0, rods.whole_length[:, None]))
+
+    def rods(self, v: Variants) -> Variants:
+        """The same with tips, orientations and markers of the rods; NaN where one has no equilibrium."""
+        solution, axis = self.axes(v, v.arcs if v.markers.size else v.arcs[..., :0])
         solved = np.where(solution.converged, 1.0, np.nan)[:, None]
-        shape = (len(v.area), len(states), -1)
-        markers = (solution.shape * solved[:, :, None]).reshape(*shape[:2], v.markers.shape[2], 3)
+        shape = (len(v.area), len(self.table), -1)
         tip, orientation = ((a * solved).reshape(shape) for a in (solution.tip, solution.orientation))
+        markers = axis.position.reshape(*shape[:2], axis.values.shape[1], 3)
+        if v.markers.size and (beside := self.robot.marker_places(np.radians(v.roll)) * [1.0, 1.0, 0.0]).any():
+            markers = markers + to_base(axis.orientation.reshape(*markers.shape[:3], 4), beside)
         return replace(v, tip=tip, orientation=orientation, markers=markers)
 
     def missed(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]]) -> list[Array]:
@@ -293,23 +298,24 @@ def sample_of(robot: Robot, states: Campaign) -> Sample | None:
     return _with_areas(sample, float(np.mean(robot.area_factor_at(tips.spine_length[kept]))))
 
 
-def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
-    """Equilibria of n rods with positions at arcs (n, k) m, of equal ones once: found directly, else from each share of the loads
-    to the next, with steps (n, elements) half as long."""
-    once, which = equal_rows(np.concatenate([rods.values, steps, *([] if arcs is None else [arcs])], axis=1))
-    rods, steps, arcs = rods[once], steps[once], None if arcs is None else arcs[once]
-    found = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
+def standing(rods: Rods, steps: Ints, arcs: Array) -> tuple[Solution, Stations]:
+    """Equilibria of n rods, and these at arcs (n, k) m, of equal ones once: found directly, else from each share of the loads to
+    the next, with steps (n, elements) half as long."""
+    once, which = equal_rows(np.concatenate([rods.values, steps, arcs], axis=1))
+    rods, steps, arcs = rods[once], steps[once], arcs[once]
+    found = solve(rods, replace(DIRECT, steps=steps))
     here: Solution | None = None
     left = np.flatnonzero(~found.converged)
     for share in LOADS if left.size else ():
         carried = {name: share * rods.field(name)[left] for name in OF_LOAD}
-        method, along = replace(DIRECT, steps=2 * steps[left], remember=True), None if arcs is None else arcs[left]
+        method = replace(DIRECT, steps=2 * steps[left], remember=True)
         method = method if here is None else replace(method, least_margin=FOLLOWED)
-        here = solve(rods[left].changed(**carried), method, arc_lengths=along, start=here)
+        here = solve(rods[left].changed(**carried), method, start=here)
         left, here = left[here.converged], here.take(here.converged)
     if here is not None:
-        found.values[left], found.status[left], found.shape[left] = here.values, here.status, here.shape
-    return found.take(which)
+        found.values[left], found.status[left], steps[left] = here.values, here.status, 2 * steps[left]
+    along = stations(rods, found, arcs, replace(DIRECT, steps=steps)).values if arcs.size else np.empty((*arcs.shape, WIDTH))
+    return found.take(which), Stations(along[which])
 
 
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -20,6 +20,7 @@ import scipy
 from model.body import annulus_second_moment, body_of
 from model.errors import BadCondition
 from model.robot import Robot
+from model.rotation import CONJUGATE, from_vector, to_base
 from recordings.trials import Table
 
 from .. import judgement
@@ -27,7 +28,7 @@ from ..data import plausible
 from ..data.case import campaign_of, finite
 from ..data.plausible import METRES, NEWTONS, SHORTEST, cantilevers, complete, implausible_values, in_si
 from ..findings import Finding, finding
-from ..remedies import misread_by, of_origin, of_unit
+from ..remedies import marker_entry, misread_by, of_origin, of_unit
 from .edit import AREA, MODULUS
 from .misfit import MOST, Fit, Sample, as_described, sample_of
 from .of_table import at_rest
@@ -57,7 +58,7 @@ class Reading:
     asked: tuple[str, ...]
     """Empty where something is refused."""
     table: Table = field(default_factory=Table, compare=False)
-    """The table to be used: without places of markers that stand off the body's axis."""
+    """The table to be used: without places of markers that are elsewhere than robot.yaml has them."""
 
 
 def read(robot: Robot, table: Table) -> Reading:
@@ -85,22 +86,30 @@ def read(robot: Robot, table: Table) -> Reading:
 
 
 def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
-    """Markers that are, from the tip at rest, farther from the rod's axis than half the body's radius and the tip's error."""
+    """Markers that are, from the tip at rest, farther from where robot.yaml has them, at any arc length, than half the body's
+    radius and the tip's error."""
     tips, arcs = tips.take(finite(tips)), np.linspace(0.0, robot.length, 401)[1:]
     if not (len(tips) and robot.markers and tips.markers.size):
         return
     rest = tips.take(np.flatnonzero(at_rest(tips))[:MOST])
     sample = Sample(robot, rest, np.zeros(len(rest), np.int64))
-    rods = sample.rods(replace(sample.described, arcs=arcs[None, None], markers=np.zeros((1, len(rest), len(arcs), 3))))
-    off_tip = float(np.linalg.norm(np.median(rods.tip[0] - rest.tip, axis=0)))
+    solution, axis = sample.axes(sample.described, arcs[None, None])
+    off_tip = float(np.linalg.norm(np.median(solution.tip - rest.tip, axis=0)))
     most = robot.outer_radius / 2 + 3 * (robot.uncertainty.marker_shift or 0.0) + off_tip
-    axis = rods.markers[0] - rods.tip[0][:, None]
-    for k, given in enumerate(robot.markers[: rest.markers.shape[1]]):
-        from_seen = (axis - rest.markers[:, [k]] + rest.tip[:, None])[np.isfinite(rest.markers[:, k]).all(axis=1)]
-        away = np.median(np.linalg.norm(from_seen, axis=2), axis=0) if len(from_seen) else np.zeros(1)
-        if (off := float(away.min())) > most:  # NaN without an equilibrium
-            found = float(arcs[np.argmin(away)])
-            yield finding("marker_off_axis", number=k + 1, off=1e3 * off, found=1e3 * found, given=1e3 * given)
+    roll = np.radians(rest.get("roll_deg", 0.0))
+    places, upright = robot.marker_places(roll), from_vector(np.outer(roll, [0.0, 0.0, 1.0]))[:, None]
+    for k in range(min(places.shape[1], rest.markers.shape[1])):
+        seen = rest.markers[:, k] - rest.tip + solution.tip
+        known = np.isfinite(seen).all(axis=1)
+        # (rows, arcs, 3) m of the marker in the sections' frames, from where robot.yaml has it and from the axis
+        from_axis = to_base(axis.orientation * CONJUGATE, seen[:, None] - axis.position)[known]
+        off, here = (np.median(np.linalg.norm(x, axis=2), axis=0) if known.any() else np.zeros(1)
+                     for x in (from_axis - places[known, k, None] * [1.0, 1.0, 0.0], from_axis))  # fmt: skip
+        if off.min() > most:  # NaN without an equilibrium
+            nearest = int(np.argmin(here))
+            x, y, _ = np.median(to_base(upright[known] * CONJUGATE, from_axis[:, [nearest]])[:, 0], axis=0)
+            entry = marker_entry(np.array([x, y, arcs[nearest]]))
+            yield finding("marker_off_axis", number=k + 1, off=1e3 * float(off.min()), entry=entry)
 
 
 def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:

@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from lab.pages.figures import BLUE, GREY, STYLE, colours, save
+from model.body import annulus_second_moment, body_of
 from model.calibration import fit_area_factor_by_length
 from model.compare import error_table
 from model.condition import States, conditions
 from model.effects.layout import INNER, OUTER
 from model.robot import Robot, load_robot
 from model.rods import FINE, PAPER, Paper, Rods, solve
-from model.section import annulus_second_moment, body_of, rods_of
+from model.section import rods_of
 
 Array = NDArray[np.float64]
 ROBOT = load_robot(Path(__file__).with_name("robot.yaml"))

@@ -243,7 +243,8 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any], u
     if isinstance(value, list):
         return [_convert(v, field, (*loc, i), problems, units) for i, v in enumerate(value)]
     kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
-    numeric = bool(kinds) and all(kind in (int, float) for kind in kinds)  # numbers or lists of them, and nothing else
+    # numbers or lists of them, and else tables alone
+    numeric = any(k in (int, float) for k in kinds) and all(k in (int, float) or _models(k, None) for k in kinds)
     if isinstance(value, str) and (numeric or unit is not None):
         try:
             value = to_si(value, unit or "", dict(units).get(unit or ""))  # YAML takes 1e3 for a text

@@ -48,10 +48,10 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
             f"bending_stiffness is {robot.bending_stiffness:g} N m^2, {times:.2g} times that of the section and youngs_modulus "
             f"({section:.3g} N m^2), more than any spine adds: if it is in N mm^2, divide by 1e6; else check radii and modulus"
         )
-    driven = robot.actuators
-    if driven.path_radius > max(FAR_OUT * outer, LARGE * robot.length):
+    driven, farthest = robot.actuators, float(np.max(robot.actuators.path_radius))
+    if farthest > max(FAR_OUT * outer, LARGE * robot.length):
         yield (
-            f"{driven.words.kind}.path_radius is {1e3 * driven.path_radius:.4g} mm, {driven.path_radius / outer:.2g} times the "
+            f"{driven.words.kind}.path_radius is {1e3 * farthest:.4g} mm, {farthest / outer:.2g} times the "
             f"outer_radius of {1e3 * outer:.4g} mm: check both and their units"
         )
     if 0 < robot.density < LEAST_DENSITY:

@@ -244,7 +244,7 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
     best = min(lack, key=(swapped if _clear(min(swapped.values()), min(lack.values())) else lack).__getitem__)
     model = driven.predicted(robot, _some(rest))
     # the body rests along an axis of the file from the origin: it sags least at its base, so the first marker shows it best
-    lies = _straight_along(markers[0], robot.markers[0]) if markers else None
+    lies = _straight_along(markers[0], float(np.linalg.norm(robot.marker_places()[0]))) if markers else None
     lies = lies or _straight_along(at_rest, robot.length)
     points = _points_along(at_rest, markers, robot, model)
     z = best if likeness.any() else _axis(at_rest)
@@ -359,7 +359,8 @@ def _points_along(at_rest: Array, markers: Sequence[Array], robot: Robot, model:
     or the model's direction, is not that of a straight body."""
     if not markers:
         return None
-    arc, lines = robot.length - robot.markers[0], (at_rest - markers[0], (model.tip - model.shape[:, 0]).mean(axis=0))
+    arc = float(np.linalg.norm(robot.marker_places()[0] - [0.0, 0.0, robot.length]))
+    lines = at_rest - markers[0], (model.tip - model.shape[:, 0]).mean(axis=0)
     seen, expected = (_straight_along(line, arc) for line in lines)
     return seen if expected == "z" else None
 

@@ -103,7 +103,7 @@ def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, scipy.spatial.
     spine, mass, roll and force, without pressures up to `REST`. Raises ConfigError where it finds no equilibrium."""
     vented = bool(np.nan_to_num(np.abs(states.pressures)).max(initial=0.0) < REST)
     try:
-        model = ForwardModel.of_single_states(robot).at(settings(robot, states, vented), np.array(robot.markers))
+        model = ForwardModel.of_single_states(robot).at(settings(robot, states, vented))
         read = model.read(np.zeros(len(model.parameters)))
     except ModelError as e:
         raise ConfigError(f"straight: at rest: {e}") from e

@@ -247,14 +247,15 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
     The stretch is three times the strain with all chambers at their highest pressure, because the area factor is not known
     better before a calibration, and a tenth more, because bodies and the cameras' base frame may be out of place. Markers
     count where robot.yaml states the arc length of each marker of rig.yaml."""
-    names = getattr(rig.instruments.mocap, "markers", ())
-    markers = robot.markers if len(names) == len(robot.markers) else ()
+    names, known = getattr(rig.instruments.mocap, "markers", ()), robot.marker_places()
+    known = known if len(names) == len(known) else known[:0]
     strain = 0.0
     if robot.chambers is not None and rig.instruments.pressure is not None:
         factor = float(robot.area_factor_at([0.0, 0.0 if robot.spine is None else robot.length]).max())
         push = rig.instruments.pressure.max_pressure * factor * float(body_of(robot).tip_area.sum())
         strain = push / (robot.youngs_modulus * body_of(robot).mean_area)
-    return Bodies(0.0, (robot.length, *markers), stretch=1 + 0.1 + 3.0 * strain)
+    arcs, off = (robot.length, *known[:, 2].tolist()), (0.0, *np.hypot(known[:, 0], known[:, 1]).tolist())
+    return Bodies(0.0, arcs, 1 + 0.1 + 3.0 * strain, off)
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:

@@ -166,8 +166,8 @@ class Desk:
         self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump(exclude={"position_sd"}))
         self.places = bodies(rig, rig.body)
         channels = (0.0,) * len(self.chambers.channels)
-        arcs = self.places.arcs[1:] or tuple(rig.body.length * (i + 1) / (markers + 1) for i in range(markers))
-        marker_positions = tuple((0.0, 0.0, arc) for arc in arcs)
+        along = [(0.0, 0.0, rig.body.length * (i + 1) / (markers + 1)) for i in range(markers)]
+        marker_positions = tuple(along if len(self.places.arcs) == 1 else map(tuple, rig.body.marker_places().tolist()))
         self.pressure = DeskInstrument(
             self, "pressure", PressureSample(0.0, channels, channels), set=self._inflate, vent=lambda: self._inflate(channels)
         )

@@ -219,6 +219,7 @@ def played(robot: Robot) -> RobotTruth:
     """Return the virtual robot with geometry and material of a robot.yaml. Raises ConfigError if the fakes cannot simulate it."""
     factor, unlike = robot.area_factor, [name for name in ("sections", "tendons") if getattr(robot, name)]
     unlike += ["chambers.ends"] * bool(robot.chambers and robot.chambers.ends)
+    unlike += ["markers beside the axis"] * bool(robot.marker_places()[:, :2].any())
     if robot.chambers is None or unlike:
         raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {', '.join(unlike)}")
     same = ("length", "outer_radius", "inner_radius", "density", "youngs_modulus", "gravity", "markers",

@@ -183,7 +183,7 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     """
     push = q.pressure * q.area_factor
     azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]  # at the tip
-    unit_moments = (np.sin(azimuth) - 1j * np.cos(azimuth)) * q.lever[..., None]
+    unit_moments = (np.sin(azimuth) - 1j * np.cos(azimuth)) * (q.lever[..., None] * q.body.levers)
     force, moment = _wrench(push, unit_moments, q.body.tip_area, q.body.path_radius[-1])
     out[col.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
     out[col.TIP_MOMENT] = moment.real

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from model.arrays import Array, Ints
 from model.body import body_of
@@ -157,12 +158,12 @@ class ForwardModel:
             factor = np.full(len(full), area_factor)
         elif area == "one" and of_robot.any():
             factor = np.full(len(full), factor[: len(design)][of_robot].mean())
-        self._place(design, full, factor, np.array(robot.markers[: design.markers]))
+        self._place(design, full, factor, robot.marker_places(full.roll)[:, : design.markers])
         if plane_direction is None:
             plane_direction = obstacle_direction(robot)
         nominal = self._rows(rod_columns(self._baseline, self._shear))
         self._steps = integration_steps(self._layout, nominal)
-        self._start = solved = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
+        self._start = solved = solve(self._layout, nominal, self._markers, self._steps, inside=False)
         tips = solved.result[: self._moved_rows.size]
         side = tips[solved.converged[: self._moved_rows.size], :2].sum(axis=0) if plane_direction is None else plane_direction
         if np.linalg.norm(side) > 1e-6:
@@ -187,13 +188,14 @@ class ForwardModel:
             )
         return model
 
-    def at(self, design: States, arcs: Array) -> ForwardModel:
-        """The model `of_single_states` for these, with markers at arc lengths (k,) m."""
+    def at(self, design: States, arcs: Array | None = None) -> ForwardModel:
+        """The model `of_single_states` for these, with the robot's markers, or points of its axis at arc lengths (k,) m."""
         other = copy.copy(self)
         full = design
         if any(spec.law.path is not None for spec in self.catalogue.values()):
             full, other._path = with_rest_of(design, np.arange(len(design))), ramps(design)
-        other._place(design, full, self.robot.area_factor_at(full.spine_length), arcs)
+        points = self.robot.marker_places(full.roll) if arcs is None else _on_axis(len(full), arcs)
+        other._place(design, full, self.robot.area_factor_at(full.spine_length), points)
         return other
 
     def _vary(
@@ -237,11 +239,12 @@ class ForwardModel:
         self._hard: tuple[tuple[Array, SolvedRods, SolvedRods], ...] = ()
         self._points: tuple[_At, ...] = ()
 
-    def _place(self, design: States, full: States, factor: Array, arcs: Array) -> None:
-        """Take over states, with the rest states in `full`, their area factors (full,) and arc lengths of markers."""
-        self.design, self._full, self._arcs = design, full, arcs
+    def _place(self, design: States, full: States, factor: Array, points: Array) -> None:
+        """Take over states, with the rest states in `full`, their area factors (full,) and markers (full, k, 3)."""
+        self.design, self._full = design, full
         self._moved_rows = np.flatnonzero(~design.stiffness)
         self._in_bare = np.flatnonzero(~full.stiffness)
+        self._markers = points[self._in_bare]
         self.area_factor = factor[: len(design)]
         """(n,) A_effect / A_norm of each state at zero parameters."""
         self._baseline = baseline(self.robot, self._body, self._layout, full, factor, self._direction, self.scales)
@@ -320,7 +323,7 @@ class ForwardModel:
         final = here.final
         # single states are solved in a form from which no other solve can go on
         begin = final if final.solution.memory.size else None
-        along = solve(self._layout, final.rows, np.asarray(arcs, float), final.steps, begin, inside=False)
+        along = solve(self._layout, final.rows, _on_axis(len(final.rows), arcs), final.steps, begin, inside=False)
         return self._readings(here.quantities, along.result[None], here.spread).markers[0, : len(self.design)]
 
     def observe(self, columns: Columns) -> Array:
@@ -368,7 +371,7 @@ class ForwardModel:
         built = self._rows(rod_columns(q, self._shear))
         own = slice(0, self._moved_rows.size)
         here = self._solved(self._nominal)
-        moved = solve(self._layout, built, self._arcs, here.bare.steps, self._start, inside=False).take(own)
+        moved = solve(self._layout, built, self._markers, here.bare.steps, self._start, inside=False).take(own)
         still = self._readings(here.quantities, here.bare.take(own).result[None], spread)
         there = self._readings(q, moved.result[None], spread)
         return np.asarray(self.observations.of(there)[0] - self.observations.of(still)[0])
@@ -460,7 +463,7 @@ class ForwardModel:
         nearest = min(self._hard, key=lambda hard: float(np.linalg.norm((hard[0] - theta) / self._sd)), default=None)
         hard_bare, hard_final = (None, None) if nearest is None else nearest[1:]  # equilibria that were hard to find
         plain = single_states and not remembers
-        bare = solve(self._layout, rods, self._arcs, self._steps, self._start, remembers, trial, plain, whole, hard_bare)
+        bare = solve(self._layout, rods, self._markers, self._steps, self._start, remembers, trial, plain, whole, hard_bare)
         final = bare.take(slice(0, self._moved_rows.size))
         driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
         if remembers:
@@ -469,7 +472,7 @@ class ForwardModel:
             rows = final.rows.copy()
             rows[:, self._rest_columns] += rest[0, self._moved_rows]
             begin = self._remembering or final
-            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, hard_final)
+            final = solve(self._layout, rows, final.points, final.steps, begin, False, trial, False, whole, hard_final)
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
         if not trial and (bare.hard or final.hard):
@@ -600,6 +603,11 @@ class ForwardModel:
         out[:, :, at.ORIENTATION] = 1.0
         out[:, self._moved_rows] = results
         return out
+
+
+def _on_axis(n: int, arcs: ArrayLike) -> Array:
+    """(n, k, 3) points of the axis at arc lengths (k,) m."""
+    return np.broadcast_to(np.multiply.outer(arcs, [0.0, 0.0, 1.0]), (n, np.size(arcs), 3))
 
 
 def _by_columns(solved: SolvedRods, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:

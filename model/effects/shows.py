@@ -65,8 +65,7 @@ def directions_apart(robot: Robot, design: States) -> bool:
 def sides_apart(robot: Robot, pressure: Array) -> bool:
     """The same of pressures (n, chambers) Pa."""
     pressure = _inflated(pressure)
-    azimuth = np.deg2rad(robot.actuators.azimuths_deg)
-    side = pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    side = pressure @ robot.bending_directions[:, None].view(float)
     # chambers whose vector sum is smaller do not bend the body
     return _differ(side[np.linalg.norm(side, axis=1) > 0.05 * pressure.sum(axis=1)], SAME_SIDE)
 

@@ -14,7 +14,7 @@ from model import rods as rod
 from model.arrays import Array, Ints, Mask, Order
 from model.effects import layout as at
 from model.rods.solution import AT_LARGEST
-from model.rotation import from_vector, multiply
+from model.rotation import cross, from_vector, multiply, to_base
 
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of `BEND`; in proportion beyond."""
@@ -36,8 +36,8 @@ class SolvedRods:
     layout: at.Layout
     rows: Array
     """(n, layout.width)."""
-    arcs: Array
-    """(k,) m."""
+    points: Array
+    """(n, k, 3) m: x and y from the axis, and the arc length, of points fixed to sections."""
     steps: Ints
     solution: rod.Solution
     """Where a solve nearby starts."""
@@ -45,6 +45,8 @@ class SolvedRods:
     """(n, columns); NaN where no equilibrium was found."""
     inside: bool
     """Whether the result tells of base, spine's end and strains; else these are NaN, and cost nothing."""
+    arms: Array
+    """(n, k, 3) m from the axis to each point, base frame."""
 
     @property
     def hard(self) -> bool:
@@ -57,9 +59,9 @@ class SolvedRods:
         return self.solution.converged
 
     def take(self, keep: slice) -> SolvedRods:
-        """Some of the rows, of which no more is asked than tip and markers."""
-        part = self.solution.take(keep)
-        return SolvedRods(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
+        """Some of the rows, of which no more is asked than tip and points."""
+        own = {name: getattr(self, name)[keep] for name in ("rows", "points", "steps", "result", "arms")}
+        return replace(self, **own, solution=self.solution.take(keep), inside=False)
 
 
 BEYOND = 1e12
@@ -88,7 +90,7 @@ def _steps(rods: rod.Rods, moment: Array) -> Ints:
 def solve(
     layout: at.Layout,
     rows: Array,
-    arcs: Array,
+    points: Array,
     steps: Ints | None,
     start: SolvedRods | None = None,
     inside: bool = True,
@@ -97,7 +99,7 @@ def solve(
     whole: bool = False,
     followed: SolvedRods | None = None,
 ) -> SolvedRods:
-    """Find the equilibria of rows (n, layout.width), with positions at `arcs` (k,) m and, `inside`, turns and strains.
+    """Find the equilibria of rows (n, layout.width), with positions of `points` (n, k, 3) and, `inside`, turns and strains.
 
     From `start`, solved rows nearby, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that
     remain once one has no equilibrium; `followed` are rows whose load was followed, from which others may be reached. `plain`: no
@@ -109,11 +111,11 @@ def solve(
         solution = _solve_from(rods, rows, steps, start, trial, whole, followed)
     else:
         solution, steps = _solve_anew(rods, replace(METHOD, remember=not plain), steps)
-    result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
+    result = np.full((len(rows), at.MARKERS + 3 * points.shape[1]), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
-    solved = SolvedRods(layout, rows, arcs, steps, solution, result, False)
-    if inside or len(arcs):
+    solved = SolvedRods(layout, rows, points, steps, solution, result, False, np.zeros(points.shape))
+    if inside or points.size:
         _fill_stations(solved, rods, inside)
     return replace(solved, inside=inside)
 
@@ -126,20 +128,21 @@ def look_inside(solved: SolvedRods) -> SolvedRods:
 
 
 def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
-    """Fill, in one pass, the results at arcs and, `inside`, those of base and spine's end and the parts' mean strains."""
+    """Fill, in one pass, the results of points and, `inside`, those of base and spine's end and the parts' mean strains."""
     layout, result = solved.layout, solved.result
-    places = _places(layout, rods, solved.arcs, inside)
-    place_count = places.shape[1]
+    places = _places(layout, rods, solved.points[..., 2], inside)
+    own = slice(places.shape[1] - solved.points.shape[1], places.shape[1])
     if inside:
         gauss_points, weights = rod.gauss_points(rods, STRAIN_POINTS)
         places = np.concatenate([places, gauss_points], axis=1)
     at_stations = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
-    at_arcs = at_stations.position[:, place_count - len(solved.arcs) : place_count]
-    result[:, at.MARKERS :] = at_arcs.reshape(len(result), 3 * len(solved.arcs))
+    if (beside := solved.points * [1.0, 1.0, 0.0]).any():
+        solved.arms[:] = to_base(at_stations.orientation[:, own], beside)
+    result[:, at.MARKERS :] = (at_stations.position[:, own] + solved.arms).reshape(len(result), 3 * solved.points.shape[1])
     if inside:
         result[:, at.BASE : at.BASE + 4] = at_stations.orientation[:, 0]
         result[:, at.JOINT : at.JOINT + 4] = at_stations.orientation[:, 1]
-        strain = at_stations.strain[:, place_count:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
+        strain = at_stations.strain[:, own.stop :].reshape(len(result), layout.form.elements, STRAIN_POINTS)
         shares = _shares(layout, rods)
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
@@ -226,17 +229,19 @@ def _put(into: rod.Solution, rows: Order, found: rod.Solution) -> Order:
 def differentiate(solved: SolvedRods, directions: Array) -> Array:
     """(n, a, motions) derivatives of the results along `directions` (a, layout.width) of the rows.
 
-    Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
+    Motions are the shift and the turn (rad) of the tip, the shift of each point and, inside, the turns of base and spine's end
     and the strains, in this order.
     """
     rods = rods_from(solved.layout, solved.rows)
     own = int(solved.inside)
-    places = _places(solved.layout, rods, solved.arcs, solved.inside)[:, own:]
+    places = _places(solved.layout, rods, solved.points[..., 2], solved.inside)[:, own:]
     method = replace(METHOD, steps=solved.steps)
     d = rod.sensitivities(rods, solved.solution, directions[None], method, arc_lengths=places, strain=solved.inside, attached=own)
-    marked = d.position[:, :, own:].reshape(len(rods), len(directions), 3 * len(solved.arcs))
+    marked = d.position[:, :, own:]
+    if solved.arms.any():
+        marked = marked + cross(d.turn[:, :, own:], solved.arms[:, None])
     within = (d.base_rotation, d.turn[:, :, 0], d.strain @ _shares(solved.layout, rods).swapaxes(1, 2)) if solved.inside else ()
-    return np.concatenate([d.tip, d.rotation, marked, *within], axis=-1)
+    return np.concatenate([d.tip, d.rotation, marked.reshape(*marked.shape[:2], 3 * marked.shape[2]), *within], axis=-1)
 
 
 def nudged(solved: SolvedRods, step: float) -> Array:
@@ -277,7 +282,7 @@ def _shares(layout: at.Layout, rods: rod.Rods) -> Array:
 
 
 def _places(layout: at.Layout, rods: rod.Rods, arcs: Array, inside: bool) -> Array:
-    """(n, k or 2 + k) m: of what is inside the base and the spine's end, then the arc lengths, no farther than the tip."""
+    """(n, k or 2 + k) m: of what is inside the base and the spine's end, then `arcs` (n, k), no farther than the tip."""
     inner = rods.field("length")[:, layout.of_part[at.INNER]].sum(axis=1, keepdims=True)
-    given = np.minimum(arcs[None, :], rods.whole_length[:, None])
+    given = np.minimum(arcs, rods.whole_length[:, None])
     return np.concatenate([np.zeros_like(inner), inner, given], axis=1) if inside else given

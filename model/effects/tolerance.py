@@ -59,7 +59,7 @@ def _azimuths(q: Quantities, v: Values) -> None:
 
 
 def _path_radius(q: Quantities, v: Values) -> None:
-    q.lever = q.lever + v["excess"] / q.robot.actuators.path_radius
+    q.lever = q.lever + v["excess"] / np.mean(q.robot.actuators.path_radius)
 
 
 def _mount(q: Quantities, v: Values) -> None:

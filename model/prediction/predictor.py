@@ -135,9 +135,8 @@ class Predictor:
         hold. Rate and hold matter to effects with memory alone. `arcs` (k,) m from the base. Raises `BadCondition`.
         """
         states = conditions(self.robot, spine_length, pressures, tip_mass, roll, vacuum=vacuum, rate=rate, hold=hold)
-        places = np.asarray(self.robot.markers if arcs is None else arcs, float).reshape(-1)
-        beyond = places[(places < 0) | (places > self.robot.length)]
-        if beyond.size:
+        along = None if arcs is None else np.asarray(arcs, float).reshape(-1)
+        if along is not None and (beyond := along[(along < 0) | (along > self.robot.length)]).size:
             raise BadCondition(f"arcs: {beyond[0]:g} m must lie between 0 and the robot's length {self.robot.length:g} m")
 
         outside, notes = outside_known(self.robot, states.pressure, states.spine_length, states.tip_mass)
@@ -145,7 +144,7 @@ class Predictor:
             warnings.warn(f"{note}; `.outside` marks them", stacklevel=2)
 
         def part(rows: Order) -> Prediction:
-            return predicted(self._forward.at(states[rows], places), self._residual, intervals, gradient)
+            return predicted(self._forward.at(states[rows], along), self._residual, intervals, gradient)
 
         n = len(states)
         # Rods that are solved together share their steps, and alike ones need fewer: by spine length to 2 cm, then by pressure

@@ -54,9 +54,8 @@ class Paper:
             _, rotation, _, _ = rod.integrate(wrench[i], path)
             if flag == 1 and np.abs(rod.error(wrench[i])).max() < 1e-6:  # N, N m
                 status[i] = Status.SOLVED
-                # of the rotation nearest to a matrix that is not quite one
-                x, y, z, w = scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(canonical=True)
-                tip[i], orientation[i] = path[-1], (w, x, y, z)
+                nearest = scipy.spatial.transform.Rotation.from_matrix(rotation)
+                tip[i], orientation[i] = path[-1], nearest.as_quat(canonical=True, scalar_first=True)
                 grid = np.linspace(0.0, rod.length, self.steps + 1)
                 for k in range(3 if arcs is not None else 0):
                     shape[i, :, k] = np.interp(arcs[i], grid, path[:, k])  # type: ignore[index]

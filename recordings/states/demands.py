@@ -53,11 +53,12 @@ class Bodies(Demand):
     """Bounds that the robot sets to the places of the tip and its markers. Since `since` no body may have jumped.
 
     `arcs` (m): arc length of the unloaded body from the base to the tip, then to each marker, where markers are known;
-    `stretch`: largest ratio of a stretched length to the unloaded one.
+    `stretch`: largest ratio of a stretched length to the unloaded one; `off` (m): distance of each from the axis, where not 0.
     """
 
     arcs: tuple[float, ...]
     stretch: float
+    off: tuple[float, ...] = ()
 
 
 def left_band(samples: NDArray[np.void], ambient: float, band: VacuumBand) -> str:
@@ -88,13 +89,12 @@ def places_of(samples: NDArray[np.void]) -> NDArray[np.float64]:
 def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     """Which body is farther from the base, or from another one, than the robot is long between them, for people; empty where none
     is. `places` (samples, bodies, 3) m; the message names the worst distance."""
-    places = places[:, : len(bodies.arcs)]
-    worst, text = 0.0, ""
-    points = [(_name(i), arc, places[:, i]) for i, arc in enumerate(bodies.arcs[: places.shape[1]])]
-    for i, (name, arc, place) in enumerate(points):
-        for other_name, other_arc, other_place in [("the base", 0.0, np.zeros(3)), *points[:i]]:
+    worst, text, aside = 0.0, "", dict(enumerate(bodies.off))
+    points = [(_name(i), arc, aside.get(i, 0.0), places[:, i]) for i, arc in enumerate(bodies.arcs[: places.shape[1]])]
+    for i, (name, arc, off, place) in enumerate(points):
+        for other_name, other_arc, other_off, other_place in [("the base", 0.0, 0.0, np.zeros(3)), *points[:i]]:
             distances = np.linalg.norm(place - other_place, axis=1)
-            seen, limit = distances[np.isfinite(distances)], bodies.stretch * abs(arc - other_arc) + SLACK
+            seen, limit = distances[np.isfinite(distances)], bodies.stretch * abs(arc - other_arc) + off + other_off + SLACK
             if len(seen) and (apart := float(np.median(seen))) - limit > worst:
                 worst = apart - limit
                 text = f"{other_name} and {name} are {apart * 1e3:.0f} mm apart, the stretched robot allows {limit * 1e3:.0f} mm"

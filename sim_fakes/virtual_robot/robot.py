@@ -106,9 +106,9 @@ class Pneumatics:
         """Follower force (3) N at the tip, moments (n+1, 3) N m at nodes, for segments of lengths h and a roll in rad."""
         moments = np.zeros((len(h) + 1, 3))
         forces, azimuths = self.forces(), self._azimuths + roll
-        radius = self._truth.chamber_path_radius
-        mx = radius * float(np.sum(forces * np.sin(azimuths)))
-        my = -radius * float(np.sum(forces * np.cos(azimuths)))
+        turning = np.multiply(self._truth.chamber_path_radius, forces)
+        mx = float(np.sum(turning * np.sin(azimuths)))
+        my = -float(np.sum(turning * np.cos(azimuths)))
         if self._laws.chamber_twist == 0.0:
             moments[-1, :2] = mx, my
         else:

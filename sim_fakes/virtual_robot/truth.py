@@ -43,8 +43,9 @@ class RobotTruth(BaseModel):
 
     # chambers
     chamber_radius: float = Field(default=0.005, gt=0, le=0.1, json_schema_extra={"unit": "m"})
-    chamber_path_radius: float = Field(default=0.04, gt=0, le=0.5, json_schema_extra={"unit": "m"})
-    chamber_azimuths_deg: tuple[float, ...] = tuple(40.0 * i for i in range(9))
+    chamber_path_radius: float | tuple[float, ...] = 0.04
+    """m, of all chambers or of each."""
+    chamber_azimuths_deg: tuple[float, ...] = Field(default=tuple(40.0 * i for i in range(9)), min_length=1, max_length=64)
     area_factor: float = Field(default=1.6, gt=0, le=10)
     """Effective chamber area / (pi chamber_radius^2), one number for all spine lengths."""
     thrust_on_walls: bool = False
@@ -85,8 +86,6 @@ class RobotTruth(BaseModel):
     def _consistent(self) -> RobotTruth:
         if self.inner_radius >= self.outer_radius:
             raise ValueError(f"inner_radius {self.inner_radius} m must be below outer_radius {self.outer_radius} m")
-        if not 1 <= len(self.chamber_azimuths_deg) <= 64:
-            raise ValueError(f"chamber_azimuths_deg has {len(self.chamber_azimuths_deg)} entries, must have 1 to 64")
         if any(not 0 < s < self.length for s in self.markers) or list(self.markers) != sorted(self.markers):
             raise ValueError(f"markers {self.markers} m must rise and lie inside the body of {self.length} m")
         if len(self.stand) != 4 or self.stand[3] != (0.0, 0.0, 0.0, 1.0):

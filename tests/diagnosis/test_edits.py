@@ -20,14 +20,16 @@ from diagnosis.edits.reading import read as judge_table
 from diagnosis.edits.search import edit_first
 from diagnosis.fit_effects import fit_effects
 from lab.files.inputs import case_of
+from model.body import body_of
 from model.condition import conditions
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects.laws.actuation import orders
 from model.errors import BadEffect
+from model.prediction.predictor import Predictor
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.rotation import multiply
-from model.section import body_of, rods_of
+from model.section import rods_of
 from recordings.trials import ORIENTATION, TIP, Table, TrialRow, marker_columns, pressure_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
@@ -421,13 +423,30 @@ def test_a_marker_off_the_body_s_axis_is_named_and_left_out() -> None:
         off = right.replaced(columns(marker_columns(2)[1], right.markers[:, 1] + pin))
         for turn in (Rotation.identity(), Rotation.from_euler("y", 1, degrees=True)):
             used = case_of(robot, [("cameras", in_frame(off, turn.as_matrix()))], "robot").table
-            assert re.findall(r"marker \d stands", str(used.warnings)) == ["marker 2 stands"]
+            assert re.findall(r"marker \d is at rest", str(used.warnings)) == ["marker 2 is at rest"]
             assert np.isnan(used.markers[:, 1]).all() and np.isfinite(used.markers[:, 0]).all()
         wrong = np.eye(3), 1000 * np.eye(3), np.diag([1.0, 1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.eye(3)[[2, 1, 0]]
         for axes in wrong:  # what concerns the whole file is not blamed on a marker
             found = judge_table(robot, in_frame(right, axes))
-            assert "off the body's axis" not in str(found) and np.isfinite(found.table.markers).all(), found
+            assert "mm from where" not in str(found) and np.isfinite(found.table.markers).all(), found
             assert axes is wrong[0] or found.refused, axes
+
+
+@pytest.mark.parametrize("roll", [0.0, 90.0])
+def test_a_marker_on_the_skin_is_named_with_its_entry_and_kept_once_that_is_written(roll: float) -> None:
+    glued = (0.3, -1.2)  # outer radii
+    for robot in (marked(FINGER, 0.4, 0.7), marked(TENDON_ARM, 0.4, 0.7)):
+        offset, along = [share * robot.outer_radius for share in glued], robot.markers[1]
+        stated = robot.replace(markers=[robot.markers[0], {"arc_length": along, "offset": offset}])
+        right = read(robot)
+        seen = Predictor(stated)(right.pressures, right.spine_length, roll=np.radians(roll))
+        places = np.concatenate([seen.tip[:, None], seen.shape], axis=1).reshape(len(right), -1)
+        table = right.replaced(columns([*TIP, *sum(marker_columns(2), ())], places) | columns(ORIENTATION, seen.orientation))
+        table = table.replaced({"roll_deg": np.full(len(right), roll)})
+        assert judge_table(stated, table).asked == () and np.isfinite(judge_table(stated, table).table.markers).all()
+        (said,) = judge_table(robot, table).asked
+        entry = re.findall(r"`{arc_length: (\S+) mm, offset: \[(\S+) mm, (\S+) mm\]}`", said)
+        np.testing.assert_allclose(np.array(entry, float)[0], 1e3 * np.array([along, *offset]), atol=1.0)
 
 
 def in_frame(table: Table, axes: Any) -> Table:

@@ -295,7 +295,7 @@ area_factor:               # from the cut, by spine length
     0.2: 1.45              # calliper
 
 spine: {radius: 19 mm, modulus: {0.1: 800 kPa, 0.2: 1.9e6}}   # the old granules
-markers: [10 cm, 0.2]
+markers: [10 cm, {arc_length: 0.2, offset: [15 mm, 0]}]
 # Ask Noor before changing anything above
 """
 EFFECTS = {"chamber_azimuth": {"angle": {"value": 0.071, "sd": 0.004, "unit": "rad"}}}
@@ -325,6 +325,11 @@ def lines(before: str, after: str) -> tuple[list[str], list[str]]:
     return [x for x in old if x not in new], [x for x in new if x not in old]
 
 
+def test_a_marker_is_a_number_or_a_table() -> None:
+    for wrong, says in (("true", "must be a number in m"), ("{arc_length: 1 cm}", "offset: is missing; give it in m")):
+        refused(says, robot_of, ARM.replace("markers: [10 cm", f"markers: [{wrong}"))
+
+
 def test_a_robot_that_did_not_change_is_written_as_it_was_given() -> None:
     for text in (ARM, ARM.replace("\n", "\r\n"), ARM.rstrip("\n"), "\ufeff" + ARM):
         assert robot_yaml(robot_of(text), text) == text
@@ -333,9 +338,10 @@ def test_a_robot_that_did_not_change_is_written_as_it_was_given() -> None:
 CHANGES: dict[str, tuple[dict[str, Any], list[str]]] = {
     "a number keeps its unit and what stands beside it": (
         {"length": 0.322, "tip_mass": 0.0123456789, "shear_modulus": 118500.0, "density": 1081.5, "inner_radius": 0.0205,
-         "gravity": (0.0, 0.1, 9.81), "markers": (0.11, 0.2)},
+         "gravity": (0.0, 0.1, 9.81), "markers": (0.11, {"arc_length": 0.21, "offset": (0.016, 0.0)})},
         ["length: 32.2 cm +- 2 mm    # tape, three readings", "inner_radius: 20.5 mm", "density: &rho 1081.5        # data sheet",
-         "shear_modulus: '118.5 kPa'", "tip_mass: 12.3456789 g", "    - 0.1                  # hangs", "markers: [11 cm, 0.2]"],
+         "shear_modulus: '118.5 kPa'", "tip_mass: 12.3456789 g", "    - 0.1                  # hangs",
+         "markers: [11 cm, {arc_length: 0.21, offset: [16 mm, 0]}]"],
     ),
     "a table takes new lengths in its own order and unit": (
         {"area_factor": {0.0: 1.25, 0.1: 1.3, 0.2: 1.45}, "spine": {"radius": 0.019, "modulus": {0.05: 5e5, 0.1: 8e5, 0.2: 2e6}}},
@@ -356,11 +362,11 @@ def test_what_changed_is_edited_where_it_stands(kind: str) -> None:
 
 def test_si_numbers_read_back_to_the_last_bit() -> None:
     given = ARM.replace("radius: 4 mm", "radius: 0.004").replace("3 cm", "3e-2")
-    chambers = robot_of(given).model_dump()["chambers"] | {"radius": 0.01 / 3, "path_radius": 0.1 / 3}
+    chambers = robot_of(given).model_dump()["chambers"] | {"radius": 0.01 / 3, "path_radius": [0.1 / 3, 0.03, 0.031]}
     robot = changed(robot_of(given), outer_radius=0.13 / 3, youngs_modulus=1e6 / 3, chambers=chambers)
     text = robot_yaml(robot, given)
     assert robot_of(text) == robot
-    assert f"path_radius: {0.1 / 3}" in text and "# counted from the connector" in text
+    assert f"path_radius: [{0.1 / 3}, 0.03, 0.031]" in text and "# counted from the connector" in text
 
 
 def test_a_table_that_becomes_a_number_stays_as_a_comment() -> None:

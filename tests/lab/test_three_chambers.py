@@ -42,7 +42,10 @@ def files(rig: Path) -> list[Path]:
 GIVEN = {"bending_stiffness": 0.04, "axial_stiffness": 700.0, "torsional_stiffness": 0.02, "mass_per_length": 0.9}
 
 
-@pytest.mark.parametrize("stated", [{}, {"thrust": "walls"}, {**GIVEN, "thrust": "walls", "gravity": (0.0, -9.81, 0.0)}])
+UNEVEN = {"chambers": {"radius": 0.004, "path_radius": (0.0105, 0.0125, 0.0145), "azimuths_deg": (0.0, 120.0, 240.0)}}
+
+
+@pytest.mark.parametrize("stated", [{}, UNEVEN, {"thrust": "walls"}, {**GIVEN, "thrust": "walls", "gravity": (0.0, -9.81, 0.0)}])
 def test_the_virtual_robot_puts_its_tip_where_the_model_does(stated: dict[str, Any]) -> None:
     robot = load(ROBOT, Robot).replace(**stated)
     pressures = np.array([(p, 0.4 * p, 0.0) for p in (0.0, 40e3, 80e3)])
@@ -63,6 +66,8 @@ def test_a_body_without_a_hole_is_simulated() -> None:
     assert np.isfinite(reading.position).all()
     unlike = full.model_copy(update={"chambers": full.actuators.model_copy(update={"ends": (0.1,)}), "sections": ("one",)})
     refused("the fakes do not support sections, chambers.ends", played, unlike)
+    beside = full.replace(markers=[{"arc_length": 0.1, "offset": [0.02, 0.0]}])
+    refused("the fakes do not support markers beside the axis", played, beside)
     refused("density: cannot be simulated", played, full.model_copy(update={"density": -1.0}))
 
 

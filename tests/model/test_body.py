@@ -10,6 +10,7 @@ from model.body import body_of
 from model.condition import conditions
 from model.errors import BadRobot
 from model.prediction.campaign import predict_campaign
+from model.prediction.predictor import Predictor
 from model.robot import Robot
 from model.rods import FINE, Rods, solve
 from model.rotation import to_base
@@ -130,13 +131,25 @@ def test_all_chambers_stretch_a_straight_body_up_to_their_end(reference_robot: R
     np.testing.assert_allclose(found, [0.0, 0.0, 0.4 + 0.3 * push / (robot.youngs_modulus * body_of(robot).mean_area)], atol=1e-8)
 
 
-def test_a_moment_bends_the_body_to_a_circle_up_to_the_chambers_end(reference_robot: Robot) -> None:
-    robot = ending(reference_robot, 0.3, thrust="walls", axial_stiffness=1e9)
+@pytest.mark.parametrize("distances", [0.04, [0.036, 0.042, *[0.04] * 7]])
+def test_a_moment_bends_the_body_to_a_circle_up_to_the_chambers_end(reference_robot: Robot, distances: Any) -> None:
+    drawn = reference_robot.replace(chambers={**reference_robot.chambers.model_dump(), "path_radius": distances})
+    robot = ending(drawn, 0.3, thrust="walls", axial_stiffness=1e9)
     found = solve(rods_of(robot, conditions(robot, 0.0, [90e3, *[0.0] * 8])), FINE).trusted().tip[0]
-    curvature = 90e3 * robot.chambers.area * robot.chambers.path_radius / (robot.youngs_modulus * body_of(robot).mean_second)
+    moment = 90e3 * robot.chambers.area * np.ravel(distances)[0]
+    curvature = moment / (robot.youngs_modulus * body_of(robot).mean_second)
     turn = 0.3 * curvature
     circle = [-(1 - np.cos(turn)) / curvature - 0.1 * np.sin(turn), 0.0, np.sin(turn) / curvature + 0.1 * np.cos(turn)]
     np.testing.assert_allclose(found, circle, atol=1e-6)
+
+
+@pytest.mark.parametrize("path_radius", [None, [0.04, 0.036]])
+def test_a_list_of_equal_distances_is_one_distance(reference_robot: Robot, path_radius: Any) -> None:
+    sections = [{"length": 0.2}, {"length": 0.2, "path_radius": path_radius}]
+    one = reference_robot.replace(sections=sections)
+    each = one.replace(chambers={**one.chambers.model_dump(), "path_radius": [0.04] * 9})
+    np.testing.assert_allclose(tips(each), tips(one), atol=1e-12)
+    assert each == each.replace() != one and hash(each.chambers) == hash(each.replace().chambers)
 
 
 @pytest.mark.parametrize("end", ["ends", "sections"])
@@ -175,6 +188,19 @@ def test_a_tendon_bends_towards_itself_in_a_circle_and_shortens(pulled: Robot) -
         np.testing.assert_allclose(place, circle, atol=1e-6)
 
 
+@pytest.mark.parametrize("roll", [0.0, 0.7])
+def test_a_marker_on_the_skin_is_on_a_circle_beside_that_of_the_axis(pulled: Robot, roll: float) -> None:
+    """Of a weightless body bent by a moment M at its tip: p(s) + R(s) o with the curvature M / EI."""
+    stiff = {"bending_stiffness": 0.5, "axial_stiffness": 1e9, "shear_modulus": 1e9}
+    markers = [0.2, {"arc_length": 0.2, "offset": [0.036, 0.01]}]
+    light = pulled.replace(gravity=[0, 0, 0], tip_mass=0.0, tip_moment=[0, 0.4, 0], markers=markers, **stiff)
+    on_axis, beside = Predictor(light)(np.zeros(3), roll=roll).shape[0]
+    x, y = 0.036 * np.cos(roll) - 0.01 * np.sin(roll), 0.036 * np.sin(roll) + 0.01 * np.cos(roll)
+    turn = 0.2 * 0.4 / 0.5
+    np.testing.assert_allclose(on_axis, 0.5 / 0.4 * np.array([1 - np.cos(turn), 0.0, np.sin(turn)]), atol=1e-9)
+    np.testing.assert_allclose(beside - on_axis, [x * np.cos(turn), y, -x * np.sin(turn)], atol=1e-9)
+
+
 def test_tendons_fastened_half_way_bend_the_first_half(pulled: Robot) -> None:
     ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 90.0], "ends": [0.2, 0.4]}
     two = pulled.replace(gravity=[0, 0, 0], tendons=ring)
@@ -190,10 +216,12 @@ def test_tendons_fastened_half_way_bend_the_first_half(pulled: Robot) -> None:
         ({"sections": [{"length": 0.3}]}, "sections: lengths add up to 0.3 m, must be length 0.4 m"),
         ({"sections": [{"length": 0.4, "outer_radius": 0.02}]}, r"sections\[0\]: inner_radius 0.029 m"),
         ({"sections": [{"length": 0.4, "path_radius": [0.04, 0.047]}]}, r"sections\[0\]: chambers reach"),
+        ({"chambers": {"radius": 0.005, "path_radius": [0.04, 0.046], "azimuths_deg": [0, 120]}}, "chambers reach from 35 to 51"),
+        ({"chambers": {"radius": 0.005, "path_radius": [0.04], "azimuths_deg": [0, 120]}}, "chambers.path_radius: 1 lengths"),
         ({"sections": [{"length": 0.4, "inner_radius": 0.02}]}, r"sections\[0\]: spine.radius 0.029 m"),
         ({"tendons": TENDONS}, "either chambers or tendons"),
         ({"chambers": None}, "either chambers or tendons"),
-        ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4]}}, "tendons.ends: 1 arc lengths"),
+        ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4]}}, "tendons.ends: 1 lengths, must be one for each of 3"),
         ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4, 0.4, 0.5]}}, "tendons.ends: 0.5 m is beyond"),
         ({"bending_stiffness": 0.0}, "bending_stiffness = 0.0 N m\\^2"),
         ({"density": 0.0, "mass_per_length": 1.0}, "mass_per_length: needs a density"),

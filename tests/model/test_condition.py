@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from model.arrays import Array
+from model.body import body_of
 from model.compare import error_table
 from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
-from model.section import body_of, rods_of
+from model.section import rods_of
 from tests.simulated.bench import raises
 
 NINE = np.zeros(9)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from model.body import body_of
 from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Paper, Status
-from model.section import body_of, rods_of
+from model.section import rods_of
 from tests.model.rods.cases import PRESSURES, REFERENCE, solved
 
 Bending = Callable[..., States]

@@ -232,6 +232,7 @@ CONCLUDED: dict[str, tuple[Made, State]] = {
     "no vacuum demanded": (pushing(between(0.0, 9.0, 0.0)), replace(JAMMED, vacuum=None)),
     "no force demanded": (pushing(KEPT["within its band"], force=0.5), replace(JAMMED, least_force=None)),
     **{kind: (following(places), ASKED) for kind, places in POSSIBLE.items()},
+    "a marker on a stalk": (following(shifted(2, 0.08, 0.0)), replace(ASKED, bodies=Bodies(1.0, ARCS, 1.2, (0.0, 0.0, 0.08)))),
     "without the robot's limits": (following(swapped(0, 1, 1.5)), replace(ASKED, bodies=None)),
     "clipped": (INFLATED, CLIPPED),
     "not clipped": (INFLATED, replace(CLIPPED, clipped=False)),

@@ -76,7 +76,7 @@ def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Arr
 
 def _moment(q: Quantities, pulls: Array) -> tuple[Array, Array]:
     """(v, n) N m each about x and y, of pulls (v, n, tendons) Pa."""
-    aside = pulls * q.body.mean(q.body.path_radius[:, None] * q.body.chamber_area)
+    aside = pulls * q.lever[..., None] * q.body.levers * q.body.mean(q.body.path_radius[:, None] * q.body.chamber_area)
     return (np.sin(q.azimuth) * aside).sum(-1), -(np.cos(q.azimuth) * aside).sum(-1)
 
 

@@ -13,7 +13,7 @@ from tests.model.effects.campaigns import Moved
 LENGTH, BEND = 0.4, 0.5
 CRITICAL = np.pi**2 * BEND / (4 * LENGTH**2)
 """N, Euler's load of a clamped column."""
-NOWHERE, UNIFORM = np.zeros(0), Layout((0, 0), (INNER, OUTER), {})
+NOWHERE, UNIFORM = np.zeros((1, 0, 3)), Layout((0, 0), (INNER, OUTER), {})
 
 
 def rows(*pushes: float) -> np.ndarray:

@@ -33,8 +33,10 @@ def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(paper_robot:
 
 
 def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot) -> None:
-    columns = campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3))
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    robot = paper_robot.replace(markers=[0.1, {"arc_length": 0.25, "offset": [0.036, -0.02]}])
+    columns = campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3), roll_deg=30.0)
+    columns |= {f"m{k}{axis}": np.zeros(len(columns["t"])) for k in (1, 2) for axis in "xyz"}
+    forward = ForwardModel(robot, design_from_columns(robot, columns))
     theta = at_some_values(forward, seed=3)
     theta[forward.index("contact")] = 0.0
     _, jacobian = forward.linearise(theta)

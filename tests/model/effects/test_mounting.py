@@ -85,7 +85,8 @@ def test_an_obstacle_touches_the_body_where_its_lever_says(paper_robot: Robot, s
     robot = paper_robot.model_copy(update={"sections": parts if stiff_end else ()})
     made = Moved(robot, campaign(lengths=(0.0,), levels=(100e3, 150e3), unload=False))
     here = made.forward._solved(made.vector(contact__stiffness=1e-3, contact__lever=lever)).final
-    there = solve_rows(here.layout, here.rows, np.array([paper_robot.length - lever]), here.steps).result
+    point = np.full((len(here.rows), 1, 3), [0.0, 0.0, paper_robot.length - lever])
+    there = solve_rows(here.layout, here.rows, point, here.steps).result
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
     arm = to_base(there[:, at.ORIENTATION : at.ORIENTATION + 4], here.rows[:, wall + col.SPRING_ARM : wall + col.SPRING_ARM + 3])
     touched = there[:, :3] - arm
