@@ -188,7 +188,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "frame_turned": "the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): {remedy}{rather}",
         "frame_mirrored": "the cameras' frame is a mirror image of the base's (p = {p:.2f}): {remedy}{rather}",
-        "origin_elsewhere": ("the origin of the positions is not at the base{place} (p = {p:.2f}): {remedy}{rather}"),
+        "origin_elsewhere": "all places are displaced by [{x:.4g}, {y:.4g}, {z:.4g}] mm (p = {p:.2f}): {remedy}{rather}",
         "frame_moved": (
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
             "on, or make two cases{rather}"

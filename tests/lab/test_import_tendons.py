@@ -350,7 +350,7 @@ def test_a_resting_tip_out_of_reach_asks_for_the_straight_state(straight: str, a
         row[4:7] = map(cell, (x - 700 + aside, y - (20 if aside > 10 else 0), z - 40))
     known.write(head, rows)
     said = known.imported().flat_err
-    assert ("the base, which lies at (30" in said) == asked
+    assert ("all places are displaced by [30" in said) == asked
     assert ("straight: at rest" in said) == asked
 
 
