@@ -112,6 +112,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "marker {number} stands {off:.3g} mm off the body's axis at rest, at arc length {found:.4g} mm ({given:.4g} mm in "
             "robot.yaml). The model has markers on the axis alone, so it is ignored: give the centre of the section there"
         ),
+        "marker_out_of_reach": (
+            "marker {number} is {off:.3g} m from the body, beyond its reach, but the tip is not: the unit of the marker's "
+            "columns is probably wrong. It is ignored: write `unit` under points.m{number}, or its columns, in map.yaml"
+        ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
         ),
@@ -196,6 +200,9 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "actuators_exchanged": (
             "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
             "its map, or their azimuths_deg in robot.yaml{rather}"
+        ),
+        "azimuths_turned": (
+            "all azimuths are {turn:.0f} deg off{whence} (p = {p:.2f}): write `{name}: {line}` in robot.yaml{rather}"
         ),
         "counted_other_way": (
             "{actuators} counted the other way round (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}"

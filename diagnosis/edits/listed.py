@@ -105,9 +105,13 @@ def _bending(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 
 
 def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    first, words = robot.actuators.azimuths_deg[0], robot.actuators.words
-    found, name = first + float(np.degrees(theta[AZIMUTH])), words.fill("azimuth of the first {actuator}")
-    return _refitted(name, first, found, "deg") if _beyond(theta, AZIMUTH) else []
+    given, turn, words = np.array(robot.actuators.azimuths_deg), float(np.degrees(theta[AZIMUTH])), robot.actuators.words
+    quarter = 90.0 * round(turn / 90.0)
+    whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
+    from_where = ", counted from the opposite direction" if abs(whole) == 180.0 else ""
+    said = mistake("azimuths_turned", words.fill("azimuths of the {actuators}"), name="azimuths_deg", turn=abs(whole),
+                   given=given[0], found=given[0] + turn, whence=from_where, line=listed((given + whole) % 360))  # fmt: skip
+    return [said] if _beyond(theta, AZIMUTH) else []
 
 
 def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
