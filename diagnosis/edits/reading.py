@@ -98,10 +98,9 @@ def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
     for k, given in enumerate(robot.markers[: rest.markers.shape[1]]):
         from_seen = (axis - rest.markers[:, [k]] + rest.tip[:, None])[np.isfinite(rest.markers[:, k]).all(axis=1)]
         away = np.median(np.linalg.norm(from_seen, axis=2), axis=0) if len(from_seen) else np.zeros(1)
-        if (off := float(away.min())) > most:  # NaN without an equilibrium
-            if off > plausible.FARTHEST * robot.length:  # while the tip stands near the rod
-                yield finding("marker_out_of_reach", number=k + 1, off=off)
-                continue
+        if (off := float(away.min())) > max(most, plausible.FARTHEST * robot.length):  # NaN without an equilibrium
+            yield finding("marker_out_of_reach", number=k + 1, off=off)
+        elif off > most:
             found = float(arcs[np.argmin(away)])
             yield finding("marker_off_axis", number=k + 1, off=1e3 * off, found=1e3 * found, given=1e3 * given)
 

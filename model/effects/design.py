@@ -98,11 +98,9 @@ def rate_of_ramps(columns: Columns, trial: Ints, pressure: Array) -> float:
     t, hold = (_numbers(columns, name, np.nan, len(trial)) for name in ("t", "hold"))
     change, passed = np.abs(np.diff(pressure, axis=0)).max(axis=1), np.diff(t) - hold[1:]
     moved = (np.diff(trial) == 0) & (change > REST * pressure.max(initial=0.0)) & np.isfinite(passed)
-    change, passed = change[moved], passed[moved]
-    if len(change) < FEWEST_RAMPS or np.median(passed) <= 0:
-        return 0.0
-    rate = float(1 / np.median(passed / change))
-    return rate if np.median(np.abs(passed * rate / change - 1)) < RAMPS_OFF else 0.0
+    slowness = passed[moved] / change[moved]
+    usual = float(np.median(slowness)) if len(slowness) >= FEWEST_RAMPS else 0.0
+    return 1 / usual if usual > 0 and np.median(np.abs(slowness / usual - 1)) < RAMPS_OFF else 0.0
 
 
 def _sittings(t: Array, trial: Ints) -> Ints:
