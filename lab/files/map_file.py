@@ -304,8 +304,7 @@ class Map(FileTable):
         mount, *others = {o.mount for o in (self.orientation, *of_files) if o is not None} or {NO_MOUNT}
         headings = tuple((name, str(column.column)) for name, column in self.columns.items())
         stated = {f"columns.{name}": KINDS["m"].get(column.unit, np.nan) for name, column in self.columns.items()}
-        base = np.full(3, np.nan) if self.files else self.base(stated)
-        known = tuple(base.tolist()) if np.isfinite(base).all() else None
+        known = None if self.files or np.isnan(base := self.base(stated)).any() else tuple(base.tolist())
         return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount, known)
 
     def base(self, units: Mapping[str, float]) -> Array:
