@@ -112,6 +112,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "marker {number} is at rest {off:.3g} mm from where robot.yaml has it, and is ignored: if it is fixed there, write "
             "`{entry}` as its entry of `markers` in robot.yaml; else give the centre of its section in the table"
         ),
+        "marker_out_of_reach": (
+            "marker {number} is {off:.3g} m from the body, beyond its reach, but the tip is not: the unit of the marker's "
+            "columns is probably wrong. It is ignored: write `unit` under points.m{number}, or its columns, in map.yaml"
+        ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
         ),
@@ -188,7 +192,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "frame_turned": "the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): {remedy}{rather}",
         "frame_mirrored": "the cameras' frame is a mirror image of the base's (p = {p:.2f}): {remedy}{rather}",
-        "origin_elsewhere": ("the origin of the positions is not at the base{place} (p = {p:.2f}): {remedy}{rather}"),
+        "origin_elsewhere": "all places are displaced by [{x:.4g}, {y:.4g}, {z:.4g}] mm (p = {p:.2f}): {remedy}{rather}",
         "frame_moved": (
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
             "on, or make two cases{rather}"
@@ -196,6 +200,9 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "actuators_exchanged": (
             "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
             "its map, or their azimuths_deg in robot.yaml{rather}"
+        ),
+        "azimuths_turned": (
+            "all azimuths are {turn:.0f} deg off{whence} (p = {p:.2f}): write `{name}: {line}` in robot.yaml{rather}"
         ),
         "counted_other_way": (
             "{actuators} counted the other way round (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}"

@@ -64,12 +64,19 @@ def of_mount(turn: Array, mapped: Mapped | None) -> str:
     return f"write `mount: {listed(made / np.linalg.norm(made), 3)}` {where}"
 
 
-def of_origin(mapped: Mapped | None) -> str:
-    """Say what brings the origin of the positions to the base."""
+def of_origin(mapped: Mapped | None, by: Array | None = None, near: float = 0.0) -> str:
+    """Say what brings the origin of the positions to the base, which, where it is known, lies at `by` (3,) +- `near` m."""
     if mapped is None:
-        return "subtract the base's place from the positions"
+        return f"subtract {'the place of the base' if by is None else _in_mm(by)} from the positions"
     at_rest = _write("straight", '"at rest"' if mapped.call else "at rest", mapped)
-    return f"{at_rest}, or give the base's place as `zero` of columns x, y, z"
+    remedy = f"{at_rest}, or give the base's place as `zero` of columns x, y, z"
+    if by is None or mapped.base is None or mapped.straight != Mapped.straight:
+        return remedy
+    stated, base = np.array(mapped.base), mapped.base + by @ mapped.axes
+    same, opposite = (np.abs(base - sign * stated) < near for sign in (1, -1))
+    wrong = ", ".join(f"columns.{axis}" for axis in np.array(["x", "y", "z"])[opposite & ~same])
+    of_sign = f"change the sign of `zero` of {wrong} in {'lab.case' if mapped.call else 'map.yaml'}"
+    return of_sign if wrong and (same | opposite).all() else f"{remedy}, about {_in_mm(base)}"
 
 
 def of_trials(trials: Table) -> str:
@@ -120,3 +127,8 @@ def marker_entry(place: Array) -> str:
     """The entry of `markers` of robot.yaml of a marker at x, y and arc length (m) of the straight robot."""
     x, y, along = (f"{value:.4g} mm" for value in 1e3 * place)
     return f"{{arc_length: {along}, offset: [{x}, {y}]}}" if place[:2].any() else along
+
+
+def _in_mm(place: Array) -> str:
+    """A place (3,) m."""
+    return f"[{', '.join(f'{1e3 * x + 0.0:.4g}' for x in np.round(place, 4))}] mm"

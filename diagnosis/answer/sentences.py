@@ -11,6 +11,7 @@ import numpy as np
 
 from model.actuators import Chambers, Words
 from model.condition import HOLD, RATE
+from model.effects.design import rate_of_ramps
 from model.effects.spec import EffectSpec
 from model.effects.tolerance import TRACKED_TURN
 from model.robot import Robot
@@ -313,6 +314,8 @@ def against(
 def ramps_assumed(states: Campaign, named: Sequence[EffectSpec], words: Words) -> Iterator[Finding]:
     """A finding on the times of named effects if the table does not state how fast pressures change or how long they are held."""
     usual = {"rate": f"{words.number(RATE)} {words.unit}/s", "hold": f"{HOLD:g} s"}
+    if rate_of_ramps(states.trials.values, states.trials.trial, states.pressure):
+        del usual["rate"]
     assumed = " and ".join(f"{k} {value}" for k, value in usual.items() if not np.isfinite(states.trials.get(k)).any())
     for spec in named:
         if assumed and any(p.unit == "s" for p in spec.parameters):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 
@@ -105,9 +105,11 @@ def _exchanged(robot: Robot, tips: Table) -> str:
     mapped = tips.mapped
     if mapped is None or mapped.base is None or mapped.straight != "as recorded":
         return ""
-    recorded = tips.tip @ mapped.axes + mapped.base
+    recorded, base, reach = tips.tip @ mapped.axes + mapped.base, np.array(mapped.base), FARTHEST * robot.length
+    if any((np.linalg.norm(recorded - base * signs, axis=1) <= reach).all() for signs in product((1, -1), repeat=3)):
+        return ""  # `zero` may as well have the wrong sign
     for a, b, order in (("x", "y", [1, 0, 2]), ("x", "z", [2, 1, 0]), ("y", "z", [0, 2, 1])):
-        if (np.linalg.norm(recorded[:, order] - mapped.base, axis=1) <= FARTHEST * robot.length).all():
+        if (np.linalg.norm(recorded[:, order] - base, axis=1) <= reach).all():
             both = f"columns {a} and {b}"
             return f"{both} are exchanged: exchange the headings of both, but not their `zero`, and all tips are within reach"
     return ""

@@ -105,9 +105,13 @@ def _bending(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 
 
 def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    first, words = robot.actuators.azimuths_deg[0], robot.actuators.words
-    found, name = first + float(np.degrees(theta[AZIMUTH])), words.fill("azimuth of the first {actuator}")
-    return _refitted(name, first, found, "deg") if _beyond(theta, AZIMUTH) else []
+    given, turn, words = np.array(robot.actuators.azimuths_deg), float(np.degrees(theta[AZIMUTH])), robot.actuators.words
+    quarter = 90.0 * round(turn / 90.0)
+    whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
+    from_where = ", counted from the opposite direction" if abs(whole) == 180.0 else ""
+    said = mistake("azimuths_turned", words.fill("azimuths of the {actuators}"), name="azimuths_deg", turn=abs(whole),
+                   given=given[0], found=given[0] + turn, whence=from_where, line=listed((given + whole) % 360))  # fmt: skip
+    return [said] if _beyond(theta, AZIMUTH) else []
 
 
 def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -166,18 +170,20 @@ def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> li
     another_point = other_size and 0.3 < away < FARTHEST  # of the body: it moves less than the tip
     if another_point or not (np.abs(theta[ORIGIN]) > judgement.EDIT_USUAL[ORIGIN]).any():
         return []
-    x, y, z = (1e3 * robot.length * theta[ORIGIN]).tolist()
-    # farther away its place depends on axes that may be wrong, too
-    place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if away < 0.5 else ""
-    return [mistake("origin_elsewhere", "origin of the positions", x=x, y=y, z=z, place=place, remedy=remedies.of_origin(mapped))]
+    by = robot.length * theta[ORIGIN]
+    (x, y, z), usual = np.round(1e3 * by, 1).tolist(), robot.length * float(judgement.EDIT_USUAL[ORIGIN][0])
+    remedy = remedies.of_origin(mapped, by, usual)
+    return [mistake("origin_elsewhere", "origin of the positions", x=x, y=y, z=z, remedy=remedy)]
 
 
 # ------------------------------------------------------------------ the cameras' frame
 def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     seen, robot, mapped = sample.table.tip, sample.robot, sample.table.mapped
-    off = near.theta[ORIGIN] - np.median(near.missed[: len(seen)], axis=0) / robot.length
-    widest = dict.fromkeys(range(5, 8), max(0.3, 2 * float(np.abs(off).max())))
-    yield Edit("origin", 0.03, partial(_origin, mapped), starts=(tuple(off.tolist()),), widens=widest)
+    # from the robot as described, too: far off, a fit within usual bounds bends the rod to where the places are
+    stated = sample.fitted([((), np.zeros_like(near.x))], 0)[0]
+    starts = [fit.theta[ORIGIN] - np.median(fit.missed[: len(seen)], axis=0) / robot.length for fit in (near, stated)]
+    widest = dict.fromkeys(range(5, 8), max(0.3, 2 * float(np.abs(starts).max())))
+    yield Edit("origin", 0.03, partial(_origin, mapped), starts=tuple(tuple(s.tolist()) for s in starts), widens=widest)
     predicted = np.nan_to_num(sample.rods(sample.described).tip[0])
     turn = scipy.spatial.transform.Rotation.from_matrix(turn_onto(predicted, seen))
     for handed in (1, -1):

@@ -105,7 +105,9 @@ def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
         from_axis = to_base(axis.orientation * CONJUGATE, seen[:, None] - axis.position)[known]
         off, here = (np.median(np.linalg.norm(x, axis=2), axis=0) if known.any() else np.zeros(1)
                      for x in (from_axis - places[known, k, None] * [1.0, 1.0, 0.0], from_axis))  # fmt: skip
-        if off.min() > most:  # NaN without an equilibrium
+        if off.min() > max(most, plausible.FARTHEST * robot.length):  # NaN without an equilibrium
+            yield finding("marker_out_of_reach", number=k + 1, off=float(off.min()))
+        elif off.min() > most:
             nearest = int(np.argmin(here))
             x, y, _ = np.median(to_base(upright[known] * CONJUGATE, from_axis[:, [nearest]])[:, 0], axis=0)
             entry = marker_entry(np.array([x, y, arcs[nearest]]))

@@ -303,7 +303,14 @@ class Map(FileTable):
         of_files = [own.orientation for own in self.files.values() if own.orientation is not None]
         mount, *others = {o.mount for o in (self.orientation, *of_files) if o is not None} or {NO_MOUNT}
         headings = tuple((name, str(column.column)) for name, column in self.columns.items())
-        return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount)
+        stated = {f"columns.{name}": KINDS["m"].get(column.unit, np.nan) for name, column in self.columns.items()}
+        known = None if self.files or np.isnan(base := self.base(stated)).any() else tuple(base.tolist())
+        return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount, known)
+
+    def base(self, units: Mapping[str, float]) -> Array:
+        """(3,) m in the recorded axes: the place of the base that `columns`, in these units (m), subtract as a number."""
+        zeros = {a: c.zero * c.scale * units[f"columns.{a}"] for a, c in self.columns.items() if isinstance(c.zero, float)}
+        return np.array([zeros.get(axis, 0.0) for axis in "xyz"])
 
     def wrong_places(self) -> list[str]:
         """What is wrong with tip, orientation and trials."""

@@ -184,7 +184,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
         for text, keys in file.contradicted.items()
     ]  # what changes all numbers comes first
     return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), unit=file.unit,
-                   base=tuple(_base(file, wanted).tolist()))  # fmt: skip
+                   base=tuple(wanted.base(file.factors).tolist()))  # fmt: skip
 
 
 def _time(series: Series, wanted: Map) -> Array:
@@ -285,12 +285,6 @@ def _xyz(file: File, point: Point, unit: str, place: str) -> Array:
     return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 
 
-def _base(file: File, wanted: Map) -> Array:
-    """(3,) m in the recorded axes: the place of the base that `columns` subtract from x, y, z as a number."""
-    zeros = {a: c.zero * c.scale * file.factors[f"columns.{a}"] for a, c in wanted.columns.items() if isinstance(c.zero, float)}
-    return np.array([zeros.get(axis, 0.0) for axis in "xyz"])
-
-
 def _place(file: File, name: str, points: Points) -> Array:
     """(n, 3) m of a point: the mean of its markers, from the mean of those that it is measured against."""
     of, against = ([_xyz(file, p, points.unit, f"points.{name}") for p in group] for group in (points.of, points.against))
@@ -301,7 +295,7 @@ def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> 
     if name in wanted.points:
         signs = [np.sign(wanted.columns[a].scale) if a in wanted.columns else 1.0 for a in "xyz"]  # of the tip's axes
         place = _place(file, name, wanted.points[name]) * signs
-        return place if wanted.points[name].against else place - _base(file, wanted)
+        return place if wanted.points[name].against else place - wanted.base(file.factors)
     missing = [f"{name}{a}" for a in "xyz" if f"{name}{a}" not in values]
     if missing:
         where = f"{ONE_CAMERA}, `constants: {{{missing[0]}: 0 mm}}`"

@@ -266,8 +266,7 @@ def conclude(
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
         unit = min((q.unit for _, q, _ in every if q.unit is not None), default=None)
         base, *others = {q.base for _, q, _ in every}
-        mapped = replace(wanted.mapped(unit, call=every[0][0].form == FRAME), base=None if others else base)
-        table = replace(table, mapped=mapped)
+        table = replace(table, mapped=replace(wanted.mapped(unit, every[0][0].form == FRAME), base=None if others else base))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     notes += map(str, shifted(table, robot.length, places.__getitem__))

@@ -31,6 +31,8 @@ TURN = ("rx", "ry", "rz")
 QUATERNION = ("qw", "qx", "qy", "qz")
 REST = 0.004
 """Share of the largest pressure up to which a robot is at rest."""
+RAMPS_OFF, FEWEST_RAMPS = 0.1, 5
+"""Relative, in the median, so that single pauses do not count; and ramps from which their rate is taken."""
 PAUSE = 3600.0
 """s without a reading after which a robot may have been mounted anew."""
 
@@ -69,7 +71,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         unload=_text(columns, "branch", "load", n) == "unload",
         repeat=_numbers(columns, "repeat", 1.0, n).astype(np.int64),
         t=_numbers(columns, "t", np.nan, n),
-        rate=np.abs(_numbers(columns, "rate", RATE, n)),
+        rate=np.abs(_numbers(columns, "rate", rate_of_ramps(columns, trial, pressure) or RATE, n)),
         hold=_numbers(columns, "hold", HOLD, n),
         sitting=_sittings(_numbers(columns, "t", np.nan, n), trial),
         progress=_progress(_numbers(columns, "t", np.nan, n), trial, ~stiffness),
@@ -87,6 +89,19 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         deflection=np.where(stiffness, _numbers(columns, "deflection", 0.0, n), 0.0),
         channels=observed,
     )
+
+
+def rate_of_ramps(columns: Columns, trial: Ints, pressure: Array) -> float:
+    """Pa/s that follow from times t, `hold` and the largest change of pressures (n, actuators) between the states of a trial,
+
+    rate = median(|dP| / (dt - hold));    0 where they are not known or half of the ramps are off by over `RAMPS_OFF`.
+    """
+    t, hold = (_numbers(columns, name, np.nan, len(trial)) for name in ("t", "hold"))
+    change, passed = np.abs(np.diff(pressure, axis=0)).max(axis=1), np.diff(t) - hold[1:]
+    moved = (np.diff(trial) == 0) & (change > REST * pressure.max(initial=0.0)) & np.isfinite(passed)
+    slowness = passed[moved] / change[moved]
+    usual = float(np.median(slowness)) if len(slowness) >= FEWEST_RAMPS else 0.0
+    return 1 / usual if usual > 0 and np.median(np.abs(slowness / usual - 1)) < RAMPS_OFF else 0.0
 
 
 def _sittings(t: Array, trial: Ints) -> Ints:

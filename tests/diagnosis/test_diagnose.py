@@ -172,11 +172,19 @@ def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
     found = diagnose(case, quick({name: CATALOGUE[name] for name in names})).attribute
     assert found.effects == ("pressure_lag",) and found.probability > 0.9
     assert found.ranking[0].parameters["pressure_lag.constant"].value == pytest.approx(2.0, abs=0.1)
-    bare, named = case.table.replaced({"rate": np.full(len(case.table), np.nan)}), [CATALOGUE[e] for e in (*names, "time_offset")]
-    words = ROBOT.actuators.words
-    told = [list(ramps_assumed(states(replace(case, table=t))[0], named, words)) for t in (case.table, bare)]
-    assert told[0] == [] and [f.values["effect"] for f in told[1]] == [e.name(words) for e in (named[0], named[3])]
-    assert "does not state; assumed: rate 25 kPa/s. State" in told[1][0].text
+    unknown, named, words = (
+        np.full(len(case.table), np.nan),
+        [CATALOGUE[e] for e in (*names, "time_offset")],
+        ROBOT.actuators.words,
+    )
+    ramps = np.abs(np.diff(case.table.pressures, axis=0, prepend=0.0)).max(axis=1) / 10e3
+    bare = case.table.replaced({"rate": unknown, "t": np.cumsum(case.table["hold"] + ramps)})
+    pauses = bare.replaced({"t": bare["t"] + np.cumsum(5.0 * (np.arange(len(bare)) % 4))})
+    tables = [case.table, bare, bare.replaced({"hold": unknown}), pauses]
+    told = [list(ramps_assumed(states(replace(case, table=t))[0], named, words)) for t in tables]
+    assert told[:2] == [[], []] and [f.values["effect"] for f in told[2]] == [e.name(words) for e in (named[0], named[3])]
+    assert all("does not state; assumed: rate 25 kPa/s" in t[0].text for t in told[2:])
+    assert design_from_columns(ROBOT, bare.values).rate == pytest.approx(np.full(len(bare), 10e3))  # from times and holds
 
 
 def test_each_marker_has_its_own_readings_however_many_there_are() -> None:

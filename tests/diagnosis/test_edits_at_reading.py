@@ -137,6 +137,23 @@ def test_columns_that_are_exchanged_without_the_place_of_the_base_are_named() ->
     assert "columns x and y are exchanged" in text and "not their `zero`" in text
 
 
+@pytest.mark.parametrize("shift", [(300, 0, 0), (0, 0, -300), (-250, 300, 350), (0, 0, 1600)])
+@pytest.mark.parametrize("signed", [False, True])
+def test_places_displaced_by_any_length_are_named_and_a_zero_of_the_wrong_sign(shift: tuple[float, ...], signed: bool) -> None:
+    by, seen = 1e-3 * np.array(shift), Mapped(("-y", "z", "-x"))
+    in_file = by @ seen.axes
+    base = np.where(in_file == 0, [0.1, 0.0, 0.04], -in_file / 2)  # as it is written
+    rows = [row for chambers in (BENDING, (5, 6)) for row in sweep(chambers=chambers, spines=(0.0,))]
+    moved = Table.of(replace(r, tip=tuple((np.array(r.tip) + by).tolist())) for r in rows)
+    found = read(ROBOT, replace(moved, mapped=replace(seen, base=tuple(base.tolist())) if signed else None))  # type: ignore[arg-type]
+    (text,) = (*found.refused, *found.asked)
+    given = re.search(r"displaced by \[(.*?)\] mm", text)
+    assert given is not None and [*map(float, given[1].split(", "))] == pytest.approx(shift, abs=4), text
+    wrong = [f"columns.{a}" for a, s in zip("xyz", in_file, strict=True) if s]
+    said = f"change the sign of `zero` of {', '.join(wrong)} in map.yaml" if signed else f"subtract [{given[1]}] mm from"
+    assert said in text and "instead" not in text, text
+
+
 @pytest.mark.parametrize("call", [False, True])
 def test_the_remedy_of_a_frame_brings_each_file_to_the_base_from_any_present_frame(call: bool) -> None:
     for present, axes in itertools.product(FRAMES, FRAMES):
@@ -292,7 +309,7 @@ def test_bodies_that_sag_or_lean_are_left_alone(stated: dict[str, object], top: 
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
     hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0, 0.0))]
-    assert "origin of the positions is not at the base (p" in " ".join(reading(ROBOT, hanging).asked)
+    assert "all places are displaced by [" in " ".join(reading(ROBOT, hanging).asked)
     assert not reading(LIMP, hanging).refused
 
 
@@ -389,4 +406,4 @@ def test_a_resting_tip_far_from_where_the_model_stands_is_asked_about() -> None:
     rows = sweep(ROBOT, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     nearer = [replace(r, tip=tuple(0.7 * x for x in r.tip or ())) for r in rows]
     assert reading(ROBOT, rows) == SILENT
-    assert "the base, which lies at (0.04" in " ".join(reading(ROBOT, nearer).asked)
+    assert "all places are displaced by [0, 0.2, -120.6] mm" in " ".join(reading(ROBOT, nearer).asked)

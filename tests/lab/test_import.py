@@ -23,8 +23,8 @@ from test_import_matlab import matlab_hdf5
 
 import lab
 from diagnosis.edits.reading import read as judged
-from lab.files.config import ConfigError, load
-from lab.files.map_file import Frame, Plateaus, Source
+from lab.files.config import ConfigError, load, read_yaml
+from lab.files.map_file import Frame, Plateaus, Source, map_of
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
 from lab.imports.trials import plateaus
@@ -202,10 +202,11 @@ def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(mounted: bool, 
         lines.append(",".join(f"{v:.9g}" for v in (1e4 * i, *tip, *(turn * mount.inv()).as_quat(scalar_first=True))))
     (tmp_path / "a.csv").write_text("\n".join(lines))
     given: dict[str, Any] = {"columns": plain(p1="p1", y="y"), "constants": {"p2": 0, "p3": 0}, "sensor": [0.0, 0.0, 0.015]}
-    given["columns"] |= {"x": {"column": "x", "zero": 0.02}, "z": {"column": "z", "zero": 0.3}}
+    given["columns"] |= {axis: {"column": axis, "zero": zero, "unit": "m"} for axis, zero in (("x", 0.02), ("z", 0.3))}
     given["orientation"] = {"columns": ["qw", "qx", "qy", "qz"], "mount": mount.as_quat(scalar_first=True).tolist()}
     map_file = write_map(tmp_path / "map.yaml", straight="as recorded" if mounted else "first state", **given)
     assert tips(case(cli, tmp_path / "a.csv", map_file)) == pytest.approx(np.array(ends), abs=1e-6)
+    assert map_of(read_yaml(map_file), load(ROBOT, Robot).actuators.words).mapped(None).base == (0.02, 0.0, 0.3)
 
 
 def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path) -> None:
