@@ -205,7 +205,7 @@ def unusable(table: Table, robot: Robot, place: Callable[[int], str], written_tw
     said = [f"{place(row)}: {text}" for row, text in slipped.items()]
     for blocks in repeated:
         block, earlier = (listed(rows, place) for rows in blocks)
-        said.append(f"{block}: repeats {earlier} to the last digit, as copies and a tracker that stands still do: left out")
+        said.append(f"{block}: repeats {earlier} to the last digit, as copies do: left out")
     return [*slipped, *(row for rows, _ in repeated for row in rows.tolist())], said
 
 
@@ -241,9 +241,8 @@ def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
 
 def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
     """Rows (k,) of states, and of those whose places they repeat to the last digit: at least `COPIED` in a row at the pressures
-    of earlier ones; or all but the last at the same pressures and time, if other places have other times; or one the state
-    before it at other pressures, if up to `FEW` of all states (or one) do so. None where all repeats are alike, as in a simulated
-    table."""
+    of earlier ones; or all but the last at the same pressures and time, if other places have other times. None where all repeats
+    are alike, as in a simulated table."""
     pressures, state = own.trials.pressures, np.arange(len(own))
     read = np.column_stack([own.tip, own.spine_length, own.trials.markers.reshape(len(own), -1)])
     _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
@@ -260,17 +259,15 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
             alike[twice] = False
             last = twice[np.argsort(earlier[twice], kind="stable")]  # of two at rest the last begins a trial: it stays
             yield own.row[np.where(np.diff(earlier[last], prepend=-1), earlier[last], np.roll(last, 1))], own.row[last]
-    frozen = alike & (np.diff(earlier, prepend=-1) == 0) & (change > CHANGED * np.ptp(pressures))
-    for i in np.flatnonzero(frozen).tolist() if alike.sum() <= max(1.0, FEW * len(own)) else ():
-        yield own.row[[i]], own.row[earlier[[i]]]
 
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
     """Places (state, body) far from those in all states of other trials at the same pressures and loads, however reached, by
-    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or `ALONE` where the states before and after are not, and
-    those out of reach; and what to say of each; of two states, both, or the one `off_surface` of the others. None where more than
-    `FEW` of all states are so: the readings of that table are like that."""
+    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or `ALONE` where the states before and after are not; those
+    out of reach; where repeats scatter, those of the state before at other pressures; and what to say of each; of two, both,
+    or the one `off_surface` of the others. None where more than `FEW` of all states are so: the readings are like that."""
     pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
+    driven = np.abs(np.diff(own.trials.pressures, axis=0, prepend=np.nan)).max(axis=1) > CHANGED * np.ptp(own.trials.pressures)
     setting = distinct(loads(own.trials), *pressures)
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
         reach = np.linalg.norm(place, axis=1)
@@ -287,6 +284,9 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
                 nearest[part] = rows[np.where(others, apart, np.inf).argmin(axis=1)]
         off = np.where(nearest < 0, np.nan, np.linalg.norm(place - place[nearest], axis=1))
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
+        still = np.flatnonzero(driven & (np.diff(place, axis=0, prepend=np.nan) == 0).all(axis=1) & (usual > 0))
+        for i in still.tolist() if len(still) <= max(1.0, FEW * len(own)) else ():
+            yield (int(own.row[i]), body), f"{BODIES[body]} repeats the state before to the last digit: left out"
         far = np.flatnonzero(off > max(TIMES_SCATTER * usual, ALONE * length))
         far = far[[off[i] > STRAY * length or _alone(own, place, nearest, off, setting, i) for i in far.tolist()]]
         if far.size:
