@@ -284,9 +284,6 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
                 nearest[part] = rows[np.where(others, apart, np.inf).argmin(axis=1)]
         off = np.where(nearest < 0, np.nan, np.linalg.norm(place - place[nearest], axis=1))
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
-        still = np.flatnonzero(driven & (np.diff(place, axis=0, prepend=np.nan) == 0).all(axis=1) & (usual > 0))
-        for i in still.tolist() if len(still) <= max(1.0, FEW * len(own)) else ():
-            yield (int(own.row[i]), body), f"{BODIES[body]} repeats the state before to the last digit: left out"
         far = np.flatnonzero(off > max(TIMES_SCATTER * usual, ALONE * length))
         far = far[[off[i] > STRAY * length or _alone(own, place, nearest, off, setting, i) for i in far.tolist()]]
         if far.size:
@@ -295,6 +292,9 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
         for i in far.tolist() if len(far) <= FEW * len(own) else ():
             away = f"{1e3 * off[i]:.1f} mm from all its repeats, usually {1e3 * usual:.2g} mm: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
+        still = np.flatnonzero(driven & (np.diff(place, axis=0, prepend=np.nan) == 0).all(axis=1) & (usual > 0))
+        for i in still.tolist() if len(still) <= max(1.0, FEW * len(own)) else ():
+            yield (int(own.row[i]), body), f"{BODIES[body]} repeats the state before to the last digit: left out"
 
 
 def _alone(own: Campaign, place: Array, nearest: Ints, off: Array, setting: Ints, i: int) -> bool:
