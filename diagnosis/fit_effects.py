@@ -169,7 +169,11 @@ def fit_effects(
     # edits leave a robot with effects as it is
     settled, edited = settled_and_edited(robot, case_states, catalogue, named)
     robot, case_states = edited.robot, edited.states
-    # an order that was found is part of the robot now, as is thrust on the walls
+    if settled is not None:  # how thrust gets into the walls is fitted with the rest
+        shapes = {f"{THRUST}.{name}": shape.value for name, shape in robot.effects[THRUST].items() if name != "share"}
+        robot = robot.model_copy(update={"effects": {id: effect for id, effect in robot.effects.items() if id != THRUST}})
+        named, start = tuple(id for id in catalogue if id in (*named, THRUST)), {**shapes, **start}
+    # an order that was found is part of the robot now
     settled_before = tuple(id for id in named if id in robot.effects)
     named = tuple(id for id in named if id not in settled_before)
     if ORDER in named and not contradicted(robot, case_states):
@@ -253,6 +257,8 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         value, value_sd = float(c.fit.theta[i]), (SIZE_SD_FACTOR if named else 1.0) * relative_sd * float(parameters.sd[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
+        elif name in p.robot.stated:  # it counts from there
+            value += p.robot.stated[name].value
         info, ends = parameters.infos[i], {"low": parameters.lower[i], "high": parameters.upper[i]}
         bound = next((end for end, at in ends.items() if np.isclose(c.fit.theta[i], at)), "")
         of_shape = info.role == "shape" and bound != ""  # its bounds are no physics

@@ -118,6 +118,8 @@ class Uncertainty(FileTable):
 
     youngs_modulus: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
     """Share of the value; usual 2 %."""
+    axial_stiffness: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
+    """Share of the value, beside that of `youngs_modulus`; usual 0."""
     density: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
     """Share of the value; usual 1 %."""
     area_factor: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
@@ -169,9 +171,9 @@ class Robot(Shown, FileTable):
     """Known moment on the tip, base frame; columns tip_moment_x .. of a table override it."""
     gravity: tuple[Gravity, Gravity, Gravity] = Field(json_schema_extra={"unit": "m/s^2"})
     bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2", "uncertainty": "youngs_modulus"})
-    """EI of the body, in place of that from E and radii; `+- 15 %` states the uncertainty of all stiffnesses."""
-    axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N"})
-    """EA of the body, likewise."""
+    """EI of the body, in place of that from E and radii; `+- 15 %` is the uncertainty that all stiffnesses share."""
+    axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N", "uncertainty": "axial_stiffness"})
+    """EA of the body, likewise; `+- 6 %` states one of its own."""
     torsional_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
     """GJ of the body, likewise; twice EI unless given."""
     mass_per_length: Weight | None = Field(default=None, json_schema_extra={"unit": "kg/m"})

@@ -127,7 +127,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
             soft = np.ones((1, 1))
         out[element + col.BEND] = bend
         out[element + col.STRETCH] = lateral
-        out[element + col.STRETCH + 2] = axial
+        out[element + col.STRETCH + 2] = q.stretching * axial
         out[element + col.SERIES] = soft * softening
         out[element + col.SERIES + 1] = soft * q.strain_softening
 

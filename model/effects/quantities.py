@@ -64,6 +64,8 @@ class Quantities:
     """Pa; the shear modulus keeps its ratio to it."""
     bending: Array = constant(1.0)
     """Factor on bending stiffness alone."""
+    stretching: Array = constant(1.0)
+    """Factor on axial stiffness alone."""
     density: Array
     """kg/m^3 of the body."""
     gravity: Array

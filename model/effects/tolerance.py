@@ -138,6 +138,7 @@ def as_drawn(actuators: int, names: Container[str]) -> tuple[VariationSource, ..
     """Tolerances of a robot's drawing, those of `names`: nothing is usual for them, so that robot.yaml states each."""
     azimuths = _each("rad", ANGLE, *(f"p{k}" for k in range(1, actuators + 1)))
     found = (
+        _tolerance("axial_stiffness", "material", Law(before=growing(stretching="excess")), *_each("1", 0.02, "excess")),
         _tolerance("azimuths", "actuation", Law(before=_azimuths), *azimuths),
         _tolerance("path_radius", "actuation", Law(before=_path_radius), *_each("m", 0.1e-3, "excess")),
         _tolerance("tip_mass", "load", Law(before=adding(payload="excess")), *_each("kg", 1e-3, "excess")),

@@ -20,7 +20,7 @@ from model.effects.spec import EffectSpec
 from model.errors import BadCondition
 from model.prediction.residual import LearntResidual, residual_of
 from model.prediction.spread import PRESSURE, standard_deviations, uncertain
-from model.robot import Robot
+from model.robot import THRUST, Robot
 from model.shown import Shown, by_axis
 from model.stated import AREA_FACTOR
 
@@ -250,8 +250,8 @@ def _changes(states: States, together: bool, each: bool) -> InputChange:
 
 
 def _without(forward: ForwardModel, id: str) -> Array:
-    """(p,) parameters with which an effect of the robot is absent."""
-    stated = forward.robot.stated
+    """(p,) parameters with which an effect of the robot is absent; of thrust on the walls, how it gets into them."""
+    stated = {n: s for n, s in forward.robot.stated.items() if forward.robot.thrust != "walls" or n != f"{THRUST}.share"}
     return np.array([-stated[p.name].value if p.source == id and p.name in stated else 0.0 for p in forward.parameters])
 
 

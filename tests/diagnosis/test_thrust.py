@@ -54,7 +54,9 @@ def test_thrust_is_settled_behind_a_mistake_that_hides_it(turned: Measured) -> N
 
 def test_a_fit_settles_it_too_and_writes_it_down(turned: Measured) -> None:
     fitted = fit_effects(turned, ["chamber_azimuth"])
-    assert fitted.robot.thrust == "walls" and fitted.robot.effects["chamber_thrust"]["share"].value == 1.0
+    assert fitted.robot.thrust == "walls" and fitted.robot.effects["chamber_thrust"]["share"].value == pytest.approx(
+        1.0, abs=0.01
+    )
     assert fitted.parameters["chamber_azimuth.angle"].value == pytest.approx(np.radians(8), rel=0.1)
     assert fitted.left_mm < 0.2 * fitted.calibrated_mm
     again = fit_effects(replace(turned, robot=fitted.robot), ["chamber_azimuth"])
