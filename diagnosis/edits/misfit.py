@@ -162,7 +162,7 @@ class Sample:
     def edited(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]]) -> Variants:
         """With calibrations and edits of parameters (v, 8 + own), one hypothesis after the other."""
         theta = np.concatenate([x[:, : len(CALIBRATION)] for _, x in hypotheses])
-        made, at, out = self.described.repeated(len(theta)).calibrated(theta), 0, []
+        made, at, out = self.described.take(np.zeros(len(theta), np.int64)).calibrated(theta), 0, []
         for _, alike in groupby(hypotheses, key=lambda hypothesis: id(hypothesis[0])):  # the same edits from several starts
             every, parameters = zip(*alike, strict=True)
             x = np.concatenate(parameters)
