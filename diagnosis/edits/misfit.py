@@ -233,10 +233,8 @@ class Sample:
     def between_and_within(self, missed: Array) -> tuple[Array, Array]:
         """(..) m, rms of the means of places' conditions, and of repeats about these, of misses (.., readings, 3)."""
         condition, places = self._place_condition, missed.compress(self.places, axis=-2)
-        fits, count = places.reshape(-1, len(condition), 3), np.bincount(condition)
-        each = (np.arange(len(fits))[:, None] * len(count) + condition).ravel()
-        sums = [np.bincount(each, axis.ravel(), len(fits) * len(count)) for axis in np.moveaxis(fits, 2, 0)]
-        mean = (np.stack(sums, axis=1).reshape(*places.shape[:-2], len(count), 3)) / count[:, None]
+        count = np.bincount(condition)
+        mean = (np.eye(len(count))[:, condition] / count[:, None]) @ places
         lost = (places == self.robot.length).all(axis=-1, keepdims=True)  # no equilibrium is none that repeats
         deviation = np.where(lost, places, (places - mean[..., condition, :]) * self._repeated[:, None])
         return self.rms(mean), self.rms(deviation.compress(self._repeated > 0, axis=-2))
