@@ -201,12 +201,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
             "its map, or their azimuths_deg in robot.yaml{rather}"
         ),
-        "azimuths_turned": (
-            "all azimuths are {turn:.0f} deg off{whence} (p = {p:.2f}): write `{name}: {line}` in robot.yaml{rather}"
-        ),
-        "counted_other_way": (
-            "{actuators} counted the other way round (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}"
-        ),
+        "azimuths_elsewhere": "{how} (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}",
         "reordered": "{actuators} 1 to {count} receive the {pressures} of {order} (p = {p:.2f}): connect them in order{rather}",
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"

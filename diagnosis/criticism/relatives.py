@@ -19,7 +19,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.shows import by_chambers, with_spine
-from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, adding, growing, vector
 from model.robot import Robot
 
 from ..arrays import Array
@@ -58,14 +58,9 @@ def _shared_pressure(q: Quantities, v: Values) -> None:
     q.pressure = q.pressure + passed @ (one[first] - one[second])
 
 
-def _times(name: str, growth: Callable[[Quantities, Values], Array]) -> Law:
-    """Of a quantity that grows by a share."""
-    return Law(before=lambda q, v: setattr(q, name, getattr(q, name) * (1 + growth(q, v))))
-
-
-def _plus(name: str, excess: Callable[[Quantities, Values], Array]) -> Law:
-    """Of a quantity to which something is added."""
-    return Law(before=lambda q, v: setattr(q, name, getattr(q, name) + excess(q, v)))
+def _over(law: Callable[[Quantities, Values], None], factor: Callable[[Quantities], Array] = lambda q: q.design.progress) -> Law:
+    """Of sizes in proportion to a factor, (n,) or (1, n): the share of the campaign that has passed, unless another is given."""
+    return Law(before=lambda q, v: law(q, {name: size * factor(q) for name, size in v.items()}))
 
 
 def _stretched(r: Readings, share: Array, power: int) -> None:
@@ -99,33 +94,32 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
         _relative(
             "regulator_offset", "actuation", "a regulator's offset at {}",
             "read the pressure gauges with all {actuators} open to the air",
-            _plus("pressure", lambda q, v: _at_each(v)), Parameter("zero", "Pa", 2.5e3, -25e3, 25e3)),
+            Law(before=lambda q, v: setattr(q, "pressure", q.pressure + _at_each(v))),
+            Parameter("zero", "Pa", 2.5e3, -25e3, 25e3)),
         _relative(
             "gauge_drift", "actuation", "drift of the pressure gauges", AGAIN,
-            _times("pressure", lambda q, v: (v["gain"] * q.design.progress)[..., None]), Parameter("gain", "1", 0.05, -0.5, 0.5)),
+            _over(growing(pressure="gain")), Parameter("gain", "1", 0.05, -0.5, 0.5)),
         _relative(
             "body_ages", "material", "a body that softens or warms during the campaign", AGAIN,
-            _times("body_modulus", lambda q, v: (v["slope"] + v["bend"] * 4 * (1 - q.design.progress)) * q.design.progress),
+            _over(lambda q, v: growing(body_modulus="by")(q, {"by": v["slope"] + v["bend"] * 4 * (1 - q.design.progress)})),
             Parameter("slope", "1", 0.1, -0.5, 0.5), Parameter("bend", "1", 0.1, -0.5, 0.5)),
         _relative(
             "spine_ages", "structure", "a spine that packs or wears during the campaign", AGAIN,
-            _times("spine_stiffness", lambda q, v: v["slope"] * q.design.progress), Parameter("slope", "1", 0.2, -0.5, 1.0)),
+            _over(growing(spine_stiffness="slope")), Parameter("slope", "1", 0.2, -0.5, 1.0)),
         _relative(
             "spine_pressed", "structure", "{actuators} that press on the spine",
             "measure the stiffness of the body with {inflated} {actuators}",
-            _times("spine_stiffness", lambda q, v: v["gain"] * _highest(q)), Parameter("gain", "1", 0.2, -0.5, 1.0)),
+            _over(growing(spine_stiffness="gain"), _highest), Parameter("gain", "1", 0.2, -0.5, 1.0)),
         _relative(
             "spine_off_axis", "structure", "a spine beside the axis", "{inflate} all {actuators} at once",
-            _plus("rest_curvature", lambda q, v: (_highest(q) * (q.design.spine_length / q.robot.length))[..., None]
-                  * vector(v["x"], v["y"])),
+            _over(adding(rest_curvature=("x", "y")), lambda q: _highest(q) * q.design.spine_length / q.robot.length),
             Parameter("x", "1/m", 0.1, -1.0, 1.0), Parameter("y", "1/m", 0.1, -1.0, 1.0)),
         _relative(
             "mount_creeps", "boundary", "a mount that turns during the campaign", AGAIN,
-            _plus("base_turn", lambda q, v: q.design.progress[None, :, None] * vector(v["x"], v["y"])),
-            Parameter("x", "rad", ANGLE, -0.2, 0.2), Parameter("y", "rad", ANGLE, -0.2, 0.2)),
+            _over(adding(base_turn=("x", "y"))), *(Parameter(a, "rad", ANGLE, -0.2, 0.2) for a in "xy")),
         _relative(
             "body_length", "boundary", "a different length of the body", "measure the body",
-            _plus("length", lambda q, v: v["excess"]), Parameter("excess", "m", 5e-3, -0.05, 0.05)),
+            Law(before=adding(length="excess")), Parameter("excess", "m", 5e-3, -0.05, 0.05)),
         _relative(
             "camera_scale", "measurement", "the scale of the cameras", "let the cameras read a rod of known length",
             Law(after=lambda r, v: _stretched(r, v["excess"], 0)), Parameter("excess", "1", 0.02, -0.2, 0.2)),

@@ -13,7 +13,6 @@ lasts. Chambers of one regulator share their reading error. Readings of differen
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -171,10 +170,9 @@ class _Blocks:
 
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:
     """(n,) block of each of n states: its trial, cut so that none has more than `longest` states; -1 where no time is known."""
-    out, count = np.full(len(trial), -1, np.intp), itertools.count()
-    timed = np.flatnonzero(np.isfinite(time))
-    for own in (timed[rows] for rows in rows_by(trial[timed])):
-        own = own[np.argsort(time[own], kind="stable")]
-        for k in range(0, len(own), longest):
-            out[own[k : k + longest]] = next(count)
+    order = np.lexsort([time, trial])
+    order = order[np.isfinite(time[order])]
+    place = np.arange(len(order)) - np.searchsorted(trial[order], trial[order])  # in its trial
+    out = np.full(len(trial), -1, np.intp)
+    out[order] = np.cumsum(place % longest == 0) - 1
     return out

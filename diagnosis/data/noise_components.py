@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import helmert
+from scipy.linalg import block_diag, helmert
 
 from model.effects.scales import STANDARD
 
@@ -102,8 +102,5 @@ def reading_rms(data: Repeated, channels: Mask) -> float:
 
 def contrasts(condition: Ints) -> Array:
     """(k, n) orthonormal rows, each a difference between repeats of one condition."""
-    rows = [np.zeros((0, len(condition)))]
-    for own in rows_by(condition):
-        rows.append(np.zeros((own.size - 1, len(condition))))
-        rows[-1][:, own] = -helmert(own.size)
-    return np.concatenate(rows)
+    each = (-helmert(own.size) for own in rows_by(condition))
+    return np.asarray(block_diag(np.zeros((0, 0)), *each)[:, np.argsort(np.argsort(condition, kind="stable"))])

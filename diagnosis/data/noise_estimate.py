@@ -24,7 +24,6 @@ so no matrix is larger than k or k r, and none of all channels is ever made.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -37,7 +36,7 @@ from scipy.sparse.csgraph import connected_components
 from model.prediction.box_minima import box_minima
 
 from .. import judgement
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, rows_by
 from .noise_components import PRESSURE, NoiseComponents, Repeated, contrasts
 
 MOST_CONTRASTS = 150
@@ -128,16 +127,14 @@ class Loss:
         k, c = len(contrast), data.residual.shape[1]
         self._count = k
         self._member = np.array([self._kinds.index(kind) for kind in data.group])
-        order, parts = _together(contrast, data.block)
-        contrast = contrast[order]
-        drift = judgement.DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
+        drift = judgement.DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift)
         # one column for each parameter of each trial or repeat
         apart = [(s.response, (s.part[:, None] == np.unique(s.part)).astype(float)) for s in data.scatter.values()]
-        made = [np.einsum("kn,nca,nt->kcta", contrast, *of, optimize=True).reshape(k * c, -1) for of in apart]
+        made = [np.einsum("kn,nca,nt->kcta", contrast, *of, optimize=True).reshape(k, c, -1) for of in apart]
         every = [*made, drift]
-        columns, self._of = np.hstack(every), np.repeat(np.arange(len(every)), [x.shape[1] for x in every])
+        columns, self._of = np.concatenate(every, axis=2), np.repeat(np.arange(len(every)), [x.shape[2] for x in every])
         self._named = self._of[None, :] == np.arange(len(self._names))[:, None]
-        self._parts = [_Part(data, contrast[own], columns[own.start * c : own.stop * c]) for own in parts]
+        self._parts = [_Part(data, contrast[own], columns[own]) for own in _together(contrast, data.block)]
 
     def components(self, x: Array) -> NoiseComponents:
         """The components at a point."""
@@ -236,12 +233,12 @@ class _ByParameter:
 
 
 class _Part:
-    """k contrasts (k, n) whose errors go together, in c channels, and which of the columns (k c, u) are theirs."""
+    """k contrasts (k, n) whose errors go together, in c channels, and which of the columns (k, c, u) are theirs."""
 
     def __init__(self, data: Repeated, contrast: Array, columns: Array) -> None:
         """`at` are those of the columns that are not zero here, `value` (k c,) the contrasts of the residuals."""
-        self.at = np.flatnonzero(columns.any(axis=0))
-        self.columns = columns[:, self.at]
+        self.at = np.flatnonzero(columns.any(axis=(0, 1)))
+        self.columns = columns[..., self.at].reshape(len(contrast) * columns.shape[1], -1)
         used = np.flatnonzero(np.abs(contrast).max(axis=0) > 0)
         self._contrast, self._kinds = contrast[:, used], data.group
         self.value = (contrast @ data.residual).ravel()
@@ -346,13 +343,9 @@ def _inverse(matrix: Array) -> tuple[Array, float]:
     return lower + np.tril(lower, -1).T, float(np.log(np.diag(factor)).sum())
 
 
-def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:
-    """An order of the contrasts (k, n), and slices of it whose errors go together as their states are of the same blocks."""
-    k = len(contrast)
+def _together(contrast: Array, block: Ints) -> list[Ints]:
+    """The contrasts (k, n), by index, whose errors go together as their states are of the same blocks."""
     used = (contrast != 0) & (block >= 0)
     links = csr_array(used @ (block[:, None] == np.unique(block)[None, :]).astype(float))
-    _, part = connected_components(links @ links.T, directed=False)
-    order = np.argsort(part, kind="stable")
-    ends = sorted({0, k, *(np.flatnonzero(np.diff(part[order])) + 1).tolist()})
-    each = [slice(a, min(a + MOST_CONTRASTS, e)) for b, e in itertools.pairwise(ends) for a in range(b, e, MOST_CONTRASTS)]
-    return order, each
+    of_parts = rows_by(connected_components(links @ links.T, directed=False)[1])
+    return [own[k : k + MOST_CONTRASTS] for own in of_parts for k in range(0, len(own), MOST_CONTRASTS)]

@@ -71,13 +71,8 @@ class Variants:
         of_robot = (np.array(values)[None, None] for values in given)
         return cls(robot, table, one, one, one, one, *of_robot, *(values[None] for values in of_states))
 
-    def repeated(self, count: int) -> Variants:
-        """This one variant, `count` times."""
-        copies: dict[str, Any] = {n: np.broadcast_to(a, (count, *a.shape[1:])) for n, a in self.arrays(ROD + SEEN).items()}
-        return replace(self, **copies)
-
     def take(self, variants: slice | Ints) -> Variants:
-        """Some of the variants."""
+        """Some of the variants, each as often as it is asked for."""
         return replace(self, **{name: a[variants] for name, a in self.arrays(ROD + SEEN).items()})
 
     @classmethod

@@ -63,10 +63,9 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         tenfold = tuple((share * WIDEST,) for share in (0.75, -0.75))
         apply, widest = lambda v, own: replace(v, bending=v.bending * np.exp(own)), ((-WIDEST, WIDEST),)
         yield Edit("modulus", 0.02, _bending, apply, tenfold, widest)
-    yield Edit("order", 0.05, _azimuth, starts=EIGHTHS, widens={AZIMUTH: np.pi})
-    # chambers counted the other way round, from the first one
-    yield Edit("order", 0.03, _counted, lambda v, _: replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth), EIGHTHS,
-               widens={AZIMUTH: np.pi})  # fmt: skip
+    for sense, prior in ((1, 0.05), (-1, 0.03)):  # chambers turned, and counted the other way round, from the first one
+        counted = partial(lambda s, v, _: replace(v, azimuth=s * v.azimuth + (1 - s) * v.azimuth[..., :1]), sense)
+        yield Edit("order", prior, partial(_azimuths, sense), counted, EIGHTHS, widens={AZIMUTH: np.pi})
     given, size = np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     known, signs = [given], ((0.01, given * each) for each in product((1.0, -1.0), repeat=3))
     for prior, down in ((0.03, -given), *signs, *((0.005, sign * size * axis) for axis in AXES for sign in (1, -1))):
@@ -104,23 +103,21 @@ def _bending(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     return _refitted("bending_stiffness", given, given * float(np.exp(own[0])), "N m^2") if other else []
 
 
-def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given, turn, words = np.array(robot.actuators.azimuths_deg), float(np.degrees(theta[AZIMUTH])), robot.actuators.words
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
-    from_where = ", counted from the opposite direction" if abs(whole) == 180.0 else ""
-    said = mistake("azimuths_turned", words.fill("azimuths of the {actuators}"), name="azimuths_deg", turn=abs(whole),
-                   given=given[0], found=given[0] + turn, whence=from_where, line=listed((given + whole) % 360))  # fmt: skip
-    return [said] if _beyond(theta, AZIMUTH) else []
-
-
-def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    azimuths, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
-    found = (2 * azimuths[0] - azimuths + np.degrees(theta[AZIMUTH])) % 360
-    if pair := swapped(found, azimuths):
-        return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
-    line = listed(-azimuths if (apart(found, -azimuths) < SAME).all() else found.round())  # as stated, in the other sense
-    return [mistake("counted_other_way", words.fill("{actuators} counted the other way round"), line=line)]
+    found = (sense * given + (1 - sense) * given[0] + whole) % 360
+    if sense < 0:
+        if pair := swapped(found, given):
+            return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
+        how = short = words.fill("{actuators} counted the other way round")
+        found = -given if (apart(found, -given) < SAME).all() else found  # as stated, in the other sense
+    else:
+        from_where = ", counted from the opposite direction" if abs(whole) == 180.0 else ""
+        how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
+    said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
+    return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
 
 
 def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0, markers: Array | float = 0.0) -> Variants:

@@ -23,6 +23,7 @@ from itertools import groupby
 import numpy as np
 
 from model.condition import States
+from model.prediction.box_minima import box_minima
 from model.robot import Robot
 from model.rods import Fast, Rods, Solution, Stations, solve, stations
 from model.rods.fast.walk import WIDTH
@@ -161,7 +162,7 @@ class Sample:
     def edited(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]]) -> Variants:
         """With calibrations and edits of parameters (v, 8 + own), one hypothesis after the other."""
         theta = np.concatenate([x[:, : len(CALIBRATION)] for _, x in hypotheses])
-        made, at, out = self.described.repeated(len(theta)).calibrated(theta), 0, []
+        made, at, out = self.described.take(np.zeros(len(theta), np.int64)).calibrated(theta), 0, []
         for _, alike in groupby(hypotheses, key=lambda hypothesis: id(hypothesis[0])):  # the same edits from several starts
             every, parameters = zip(*alike, strict=True)
             x = np.concatenate(parameters)
@@ -232,10 +233,8 @@ class Sample:
     def between_and_within(self, missed: Array) -> tuple[Array, Array]:
         """(..) m, rms of the means of places' conditions, and of repeats about these, of misses (.., readings, 3)."""
         condition, places = self._place_condition, missed.compress(self.places, axis=-2)
-        fits, count = places.reshape(-1, len(condition), 3), np.bincount(condition)
-        each = (np.arange(len(fits))[:, None] * len(count) + condition).ravel()
-        sums = [np.bincount(each, axis.ravel(), len(fits) * len(count)) for axis in np.moveaxis(fits, 2, 0)]
-        mean = (np.stack(sums, axis=1).reshape(*places.shape[:-2], len(count), 3)) / count[:, None]
+        count = np.bincount(condition)
+        mean = (np.eye(len(count))[:, condition] / count[:, None]) @ places
         lost = (places == self.robot.length).all(axis=-1, keepdims=True)  # no equilibrium is none that repeats
         deviation = np.where(lost, places, (places - mean[..., condition, :]) * self._repeated[:, None])
         return self.rms(mean), self.rms(deviation.compress(self._repeated > 0, axis=-2))
@@ -385,9 +384,10 @@ class _Problem:
         slope, prior = self.slope(beside), np.zeros(len(self.x))
         prior[: len(CALIBRATION)] = self.sd**-2.0
         curvature = slope.T @ (weight[:, None] * slope) + np.diag(prior[self.free])
+        curvature += 1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(self.free))
         gradient = slope.T @ (weight * self.missed.ravel() / self.unit) + (prior * self.x)[self.free]
-        step = np.zeros(len(self.x))
-        step[self.free] = bounded(curvature, -gradient, (self.low - self.x)[self.free], (self.high - self.x)[self.free])
+        step, low, high = np.zeros(len(self.x)), (self.low - self.x)[self.free], (self.high - self.x)[self.free]
+        step[self.free] = box_minima(curvature[None], gradient[None], low[None], high[None])[0]
         return self.x + SHARES[:, None] * step
 
     def gains(self, tried: Array, missed: Array) -> bool:
@@ -402,17 +402,3 @@ class _Problem:
     def parameters(self) -> int:
         """How many count in the evidence."""
         return sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in self.edits)
-
-
-def bounded(curvature: Array, slope: Array, low: Array, high: Array) -> Array:
-    """(k,) x of the least x' A x / 2 - b' x within bounds around 0: what leaves them is set to them, one after the other."""
-    x, inside = np.zeros(len(slope)), np.ones(len(slope), bool)
-    regular = curvature + (1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(slope)))
-    while inside.any():
-        rest = slope[inside] - curvature.compress(inside, 0).compress(~inside, 1) @ x[~inside]
-        x[inside] = np.linalg.solve(regular.compress(inside, 0).compress(inside, 1), rest)
-        beyond: Mask = inside & ((x < low) | (x > high))
-        if not beyond.any():
-            break
-        x, inside = np.clip(x, low, high), inside & ~beyond
-    return x

@@ -94,7 +94,7 @@ def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
     """Gravity along another axis, of readings that were put where the robot stands at rest under the stated one."""
     stated = np.array(sample.robot.gravity)
     downs = [stated, -stated, *(float(np.linalg.norm(stated)) * sign * axis for axis in np.eye(3) for sign in (1, -1))]
-    v = sample.described.repeated(len(downs))
+    v = sample.described.take(np.zeros(len(downs), np.int64))
     stands = sample.rods(replace(v, gravity=np.array(downs)[:, None]))
     tip, markers = (
         np.nan_to_num(_mean(p[:, rest] - p[:1, rest])) for p in (stands.tip, stands.markers.reshape(len(downs), len(rest), -1))

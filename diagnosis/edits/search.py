@@ -203,12 +203,13 @@ class Judged:
     def rather(self, edit: Edit, own: Array, fit: Fit) -> str:
         """What else may be wrong in place of a mistake of a fit, for the end of its sentence: mistakes of other kinds, and those
         of its kind that are stated in other words."""
-        code, others = edit.findings(self.sample.robot, fit.theta, own, 0.0)[0].code, dict[str, tuple[float, str]]()
+        made, others = edit.findings(self.sample.robot, fit.theta, own)[0], dict[str, tuple[float, str]]()
         for k in np.argsort(-self.weight):
             tried, p = self.fits[k], float(self.weight[k])
             for other, at in mistakes(self.sample.robot, tried) if p >= judgement.EDIT_STATED else ():
                 said, same = other.findings(self.sample.robot, tried.theta, at, p)[0], other.kind == edit.kind
-                if edit.kind not in self._kinds[k] or (same and said.code != code):
+                elsewhere = (said.code, said.values["short"]) != (made.code, made.values["short"])
+                if edit.kind not in self._kinds[k] or (same and elsewhere):
                     others.setdefault(other.kind, (p, f"{'instead, included in this p, ' if same else ''}{said}"))
         return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 

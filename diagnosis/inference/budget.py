@@ -171,20 +171,12 @@ def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:
 
 def _answer(b: Budget) -> Hypothesis:
     """The effect named in most draws, and those named together with it; none where that is more probable."""
-    named = b.names
-    share = b.weight @ named
-    first = int(share.argmax())
-    if float(b.weight @ ~named.any(axis=1)) >= share[first]:
-        return NONE
-    chosen, with_all = [first], named[:, first]
-    while True:
-        together = (b.weight * with_all) @ named
-        together[chosen] = 0.0
-        next_effect = int(together.argmax())
-        if together[next_effect] <= TOGETHER:
-            return tuple(b.effects[i] for i in sorted(chosen))
-        chosen.append(next_effect)
-        with_all = with_all & named[:, next_effect]
+    chosen, share, least = list[int](), b.weight @ b.names, float(b.weight @ ~b.names.any(axis=1))
+    while share.max() > least:
+        chosen.append(int(share.argmax()))
+        share, least = (b.weight * b.names[:, chosen].all(axis=1)) @ b.names, TOGETHER
+        share[chosen] = 0.0
+    return tuple(b.effects[i] for i in sorted(chosen))
 
 
 def _names(floors: Array, large: Mask, own: Mask, naming: Naming) -> Mask:

@@ -99,9 +99,8 @@ class Columns:
     def normal(self, more: Array) -> Arrow:
         """(c + m, c + m) [A M]^T [A M] with more columns M (n, m) behind them."""
         at, sparse = np.concatenate([self.at, self.shape[1] + np.arange(more.shape[1])]), self.sparse.T
-        shared, d = np.empty((at.size, at.size)), self.at.size
-        shared[:d, :d], shared[d:, :d], shared[d:, d:] = self.dense.T @ self.dense, more.T @ self.dense, more.T @ more
-        shared[:d, d:] = shared[d:, :d].T
+        beside = more.T @ self.dense
+        shared = np.block([[self.dense.T @ self.dense, beside.T], [beside, more.T @ more]])
         across = np.hstack([sparse @ self.dense, sparse @ more])
         return Arrow(at, shared, self.rest, across, csc_array(sparse @ self.sparse))
 

@@ -97,12 +97,9 @@ class Linear:
         """X^T X, E^T X and E^T E of X = [A y] and the error columns E = [D F], less what the nuisances N explain, and half the
         log determinant of those: all that is needed of the n values."""
         x, errors = (self.effects, self.observed[:, None]), (self.discrepancy, self.form_error)
-        m, r, c = self.discrepancy.shape[1], self.form_error.shape[1], self.effects.shape[1] + 1
-        error_gram = np.empty((m + r, m + r))  # E^T E
-        error_gram[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
-        error_gram[m:, :m] = self.form_error.T @ self.discrepancy
-        error_gram[:m, m:] = error_gram[m:, :m].T
-        error_gram[m:, m:] = self.form_error.T @ self.form_error
+        c, across = self.effects.shape[1] + 1, self.form_error.T @ self.discrepancy
+        smooth = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
+        error_gram = np.block([[smooth, across.T], [across, self.form_error.T @ self.form_error]])
         along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (*x, *errors)])
         nuisance = self.nuisance.normal(np.zeros((len(self.observed), 0))).plus(np.ones(len(along_nuisance))).factorised()
         taken = nuisance.quadratic(along_nuisance)

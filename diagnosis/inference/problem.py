@@ -158,11 +158,8 @@ class FitParameters:
     )
     """By effect, the share of a law's error that it has: less where its law is geometry."""
 
-    @cached_property
-    def members(self) -> Array:
-        """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
-        own = [e for e in self.effects if e]
-        return np.array([[float(e == one) for one in self.ids] for e in own]).reshape(len(own), len(self.ids))
+    members = _of_effects(lambda p: (np.array(p.effects)[:, None] == np.array(p.ids)).astype(float))
+    """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
 
     def prior(self, named: Mask, spike: float, effect_size: Array | None = None) -> SizePrior:
         """Prior with the parameters marked `named` (..., p) wide and the sizes of all other effects narrow.

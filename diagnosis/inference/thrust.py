@@ -75,6 +75,5 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     shapes = {name: found[f"{THRUST}.{name}"] for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    if settled:
-        return with_walls, finding("thrust_settled", robot.actuators.words, walls_mm=walls, cap_mm=cap)
-    return with_walls, finding("thrust_likely", robot.actuators.words, walls_mm=walls, cap_mm=cap)
+    words = robot.actuators.words
+    return with_walls, finding("thrust_settled" if settled else "thrust_likely", words, walls_mm=walls, cap_mm=cap)
