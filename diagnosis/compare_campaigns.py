@@ -18,13 +18,13 @@ from model.effects.design import design_from_columns
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 
-from .answer.attribute import weighed
 from .answer.headline import for_people, hypothesis_name, plain_name
 from .answer.result import Change
 from .arrays import Array
 from .criticism.stage_errors import odds_unnamed
 from .data.case import Case, states
 from .errors import BadCase
+from .inference.budget import weighed
 from .inference.evidence import NONE
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown

@@ -31,12 +31,12 @@ from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.fit import fit, fit_alone
+from ..inference.fit import Fit, fit, fit_alone
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import TINY, Prepared
 from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
-from .attribute import Attribution, Begun, calibrated
+from .attribute import Attribution, calibrated
 from .decision import share_closed
 from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 
@@ -74,14 +74,16 @@ def distance(p: Prepared, residual: Array) -> Array:
     return np.asarray(np.linalg.norm(p.gap(residual), axis=1))
 
 
-def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:
+def unseen_states(
+    p: Prepared, baseline: Fit, best: Candidate, executor: Executor
+) -> Callable[[Attribution], Callable[[], Unseen]]:
     """Predict held-out states by the baseline and by what leads. Call the result with the answer to start the refits of its
     rivals and for its waterfall, and what that returns to wait for them."""
     found = left_out(p, executor)
     if found is None:
         return lambda f: Unseen
     parts, how = found
-    models = [Model(p.problem.parameters.prior_of(NONE), 0.0, begun.calibrated.theta), candidate_model(p, begun.weighed.best)]
+    models = [Model(p.problem.parameters.prior_of(NONE), 0.0, baseline.theta), candidate_model(p, best)]
     residuals = dict(zip(("calibrated", "explained"), parts.residuals(models, DiagnosisStep.HELD_OUT_STATES)(), strict=True))
     before, after = (distance(p, residual) for residual in residuals.values())
 
