@@ -98,7 +98,7 @@ class Planned:
 
 
 def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> tuple[Array, float, Array]:
-    """Readings (n,) of one world with a cause (empty: none), by the equation at the top of the file, the cause's plausible scales,
+    """Readings (n,) of one world with a cause (empty: none), by the equation at the top of the file, the plausible scales of it,
     and the response to it (n,), whitened; `clutter`: standard deviations of all other effects in plausible scales, one of which
     this world has."""
     linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
