@@ -49,8 +49,8 @@ def learn_residual(trial: Ints, pressure: Array, length: Array, missed: Array) -
     chosen = finite[_some(trial[finite], 1000)]
     trial, pressure, length, missed = trial[chosen], pressure[chosen], length[chosen], missed[chosen]
     ranges = tuple(max(float(np.max(np.abs(v))), 1e-6) for v in (np.linalg.norm(pressure, axis=1), length))
-    chosen = _some(trial, 400)
-    scales = _scales(pressure[chosen], length[chosen], trial[chosen], missed[chosen], ranges)
+    few = _some(trial, 400)
+    scales = _scales(pressure[few], length[few], trial[few], missed[few], ranges)
     learnt = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
         learnt=[[rounded(v) for v in row] for row in np.column_stack([trial, pressure, length, missed]).tolist()],
