@@ -18,13 +18,13 @@ from model.effects.design import design_from_columns
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 
-from .answer.attribute import weighed
 from .answer.headline import for_people, hypothesis_name, plain_name
 from .answer.result import Change
 from .arrays import Array
 from .criticism.stage_errors import odds_unnamed
 from .data.case import Case, states
 from .errors import BadCase
+from .inference.budget import weighed
 from .inference.evidence import NONE
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
@@ -109,29 +109,24 @@ class _JointForward:
         reference, later = (p.parameters for p in self._parts)
         lasting = {i.name for i in before.forward.parameters if i.lasts and i.source not in ANOTHER_DAY}
         later_only = [i for i, name in enumerate(later.names) if name not in lasting]
-        k = len(reference.names)
-        self._place = np.array(
-            [reference.names.index(n) if n in lasting else k + later_only.index(i) for i, n in enumerate(later.names)]
-        )
-        """Index in theta of each parameter of the later campaign."""
-        self._effects, self._changes = np.flatnonzero(later.of_effect), slice(k + len(later_only), None)
-        """Indices of effects in the later campaign, and of their changes in theta."""
+        changed, common = np.flatnonzero(later.of_effect).tolist(), {n: i for i, n in enumerate(later.names) if n in lasting}
+        self._later = np.array([*(common.get(name, -1) for name in reference.names), *later_only, *changed])
+        """The parameter of the later campaign that each of theta is added to; -1: none."""
         # Effects present in the reference are no change: each is free there, within its whole scale.
         free = [replace(i, group="nuisance") for i in (*reference.infos, *(later.infos[i] for i in later_only))]
         # What another day brings anyway has tolerances of its own: such an effect has changed when it is named, or not at all.
         changes = [
             replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values())
-            for i in (later.infos[i] for i in self._effects)
+            for i in (later.infos[i] for i in changed)
         ]
-        least_sizes = [later.least[i] for i in self._effects]
-        sd = np.concatenate([reference.sd, later.sd[later_only], later.sd[self._effects]])
+        least_sizes = [later.least[i] for i in changed]
+        sd = np.concatenate([reference.sd, later.sd[later_only], later.sd[changed]])
         self.parameters = FitParameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least_sizes), changes=True)
 
     def _split(self, theta: Array) -> tuple[Array, Array]:
         """Parameters of the reference and of the later campaign, each within its campaign's bounds, from theta."""
         reference, later = (p.parameters for p in self._parts)
-        second = theta[self._place]
-        second[self._effects] += theta[self._changes]
+        second = np.bincount(self._later[self._later >= 0], theta[self._later >= 0], len(later.names))
         return np.clip(theta[: len(reference.names)], reference.lower, reference.upper), np.clip(second, later.lower, later.upper)
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
@@ -143,10 +138,8 @@ class _JointForward:
         (y_first, of_first), (y_second, of_second) = (
             forward.linearise(t) for forward, t in zip(self._forwards, self._split(theta), strict=True)
         )
-        slope = np.zeros((len(y_first) + len(y_second), len(theta)))
-        slope[: len(y_first), : of_first.shape[1]] = of_first
-        slope[len(y_first) :, self._place] = of_second
-        slope[len(y_first) :, self._changes] = of_second[:, self._effects]
+        of_first = np.pad(of_first, ((0, 0), (0, len(theta) - of_first.shape[1])))
+        slope = np.vstack([of_first, np.where(self._later < 0, 0.0, of_second[:, self._later])])
         return np.concatenate([y_first, y_second]), slope if columns is None else slope[:, list(columns)]
 
     def near(self, theta: Array) -> _JointForward:

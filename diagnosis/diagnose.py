@@ -19,7 +19,7 @@ from model.robot import THRUST
 from model.stated import AREA_FACTOR
 
 from .answer import sentences, verdict
-from .answer.attribute import Attribution, attribute, begin
+from .answer.attribute import Attribution, attribute, calibrated, related_ahead
 from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
@@ -39,9 +39,10 @@ from .edits.search import Edited
 from .errors import BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
+from .inference.budget import weighed
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.on_baseline import Baseline
-from .inference.prepare import AREA, Prepared, prepare
+from .inference.prepare import AREA, Prepared, parts, prepare
 from .inference.thrust import settled_and_edited
 
 
@@ -95,12 +96,13 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     options = options or Options()
     prepared, settled, edited, findings, held_out_states = _prepared(case, options)
     stages = {e: spec.stage for e, spec in options.catalogue.items()}
-    begun = begin(prepared, options.executor)
+    leading = weighed(prepared.problem, parts(prepared), options.executor)
     # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
-    unseen_states_of = unseen_states(prepared, begun, options.executor) if options.quantify else lambda f: Unseen
-    causes = attribute(prepared, stages, begun)
-    del begun  # with its search's derivatives, most of the memory
-    predict_unseen = unseen_states_of(causes)
+    relatives, baseline = related_ahead(prepared, leading, options.executor), calibrated(prepared)
+    predicting = unseen_states(prepared, baseline, leading.best, options.executor) if options.quantify else lambda f: Unseen
+    causes = attribute(prepared, stages, leading, baseline, relatives)
+    del leading, relatives  # with derivatives of the search, most of the memory
+    predict_unseen = predicting(causes)
     rivals = Rivals(prepared, causes.posterior, causes.distinguishability)
     proposals = propose(causes, rivals, options.executor) if options.experiments else ()
     holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
@@ -118,9 +120,9 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
     details = detail(causes, fitted, unseen.residuals, names)
     # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
-    calibrated, tense = calibration(causes, values), causes.tense(values)
-    far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()
-    alone, named_sizes = alone_as_good(calibrated, causes), causes.sizes(causes.best, fitted)
+    adjusted, tense = calibration(causes, values), causes.tense(values)
+    far = tuple(sentences.far_off(adjusted.stiffness, words)) if adjusted is not None and options.baseline is None else ()
+    alone, named_sizes = alone_as_good(adjusted, causes), causes.sizes(causes.best, fitted)
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
@@ -160,7 +162,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         budget=carries,
         waterfall=unseen.waterfall,
         holdout=holdout,
-        calibration=calibrated,
+        calibration=adjusted,
         simulator=simulator(causes),
         fitted=fitted,
     )
@@ -174,7 +176,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         section, text = verdict.beside(section, THRUST, edited.robot), f"{settled}. Beyond that: {text}"
     answer = replace(answer, statement=text, attribute=section)
     changed = edited.named or sentences.changed_by(answer)
-    beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
+    beyond = edited.at_bound or (adjusted is not None and adjusted.at_bound)
     by_calibration = sentences.closed_by_calibration(answer)
     line = edited.headline or headline(answer, options.catalogue, edited.robot, by_calibration, changed, beyond, bool(alone))
     return Examined(replace(answer, headline=line), rivals, edited)

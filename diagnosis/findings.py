@@ -120,11 +120,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
         ),
         "only_stiffness_trials": (
-            "only stiffness trials: {actuators}, {pressures}, loads on the robot, base and cameras cannot be judged, and only"
-            " effects that change these readings are considered; record a bending sweep"
-        ),
-        "probabilities_not_calibrated": (
-            "only stiffness trials: probabilities were calibrated on bending campaigns, not on such data"
+            "only stiffness trials: {actuators}, {pressures}, loads on the robot, base and cameras cannot be judged, only "
+            "effects that change these readings are considered, probabilities were calibrated on bending campaigns: record one"
         ),
         "deflections_not_repeated": (
             "stiffness trials: deflections {how}, so the default scatter of touch point, zero and jamming is "
@@ -250,8 +247,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
-        "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
-        "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
+        "number_moved": "{name} {by:.3g} {unit} {side} robot.yaml ({sd:.3g} {sd_unit})",
         "known_together": "the readings hardly tell {names} apart: change all of them or none",
         "gauge_looks_alike": (
             "a gauge or regulator of one {actuator} that reads wrong by this factor looks the same: first compare all on one "

@@ -315,21 +315,15 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
 
 def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Value], posterior: Mapping[str, Any]) -> Robot:
     """The robot with what was fitted (`stated`) as effects where `named`, else as tolerances, and with its posterior."""
-    tables: dict[str, dict[str, dict[str, Any]]] = {"effects": {}, "tolerances": {}}
+    data = robot.model_dump() | {"area_factor": stated[AREA_FACTOR].value, "tolerances": {}, "posterior": posterior}
+    data["effects"] = {id: own for id, own in data["effects"].items() if id not in named}
     for name, s in stated.items():
         id, _, parameter = name.partition(".")
         if parameter:
-            own = tables["effects" if id in named else "tolerances"].setdefault(id, {})
+            own = data["effects" if id in named else "tolerances"].setdefault(id, {})
             own[parameter] = {"value": s.value, "sd": s.sd, "unit": s.unit}
-    data = robot.model_dump()
     if "contact" in named:
         data["obstacle_azimuth_deg"] = rounded(float(np.degrees(np.arctan2(*p.forward.plane_direction[::-1]))))
     if named:
         data |= {"quoted_pressure": p.forward.scales.pressure, "quoted_time": p.forward.scales.time}
-    data |= {
-        "area_factor": stated[AREA_FACTOR].value,
-        "effects": {**data["effects"], **tables["effects"]},
-        "tolerances": tables["tolerances"],
-        "posterior": posterior,
-    }
     return robot_from_dict(data)

@@ -38,20 +38,19 @@ def learn_residual(trial: Ints, pressure: Array, length: Array, missed: Array) -
     Returns the residual, and how far the tip is off with it (m, rms), the `alike` left out of it (not of the fit of the robot).
     Raises `BadCase` for fewer states than scales need.
     """
-    finite = np.isfinite(missed).all(axis=1)
-    trial, pressure, length, missed = trial[finite], pressure[finite], length[finite], missed[finite]
-    trials = len(np.unique(trial))
-    if len(missed) < LEAST_STATES or trials < 2:
+    finite = np.flatnonzero(np.isfinite(missed).all(axis=1))
+    trials = len(np.unique(trial[finite]))
+    if len(finite) < LEAST_STATES or trials < 2:
         raise BadCase(
-            f"residual: {len(missed)} states with a tip in {trials} trial(s), it needs at least {LEAST_STATES} states in "
+            f"residual: {len(finite)} states with a tip in {trials} trial(s), it needs at least {LEAST_STATES} states in "
             "two trials: record more, or leave --residual out"
         )
     # robot.yaml holds this many; of more, whole trials evenly
-    chosen = _some(trial, 1000)
+    chosen = finite[_some(trial[finite], 1000)]
     trial, pressure, length, missed = trial[chosen], pressure[chosen], length[chosen], missed[chosen]
     ranges = tuple(max(float(np.max(np.abs(v))), 1e-6) for v in (np.linalg.norm(pressure, axis=1), length))
-    chosen = _some(trial, 400)
-    scales = _scales(pressure[chosen], length[chosen], trial[chosen], missed[chosen], ranges)
+    few = _some(trial, 400)
+    scales = _scales(pressure[few], length[few], trial[few], missed[few], ranges)
     learnt = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
         learnt=[[rounded(v) for v in row] for row in np.column_stack([trial, pressure, length, missed]).tolist()],

@@ -97,26 +97,15 @@ class Planned:
         return leading(np.hstack([self.problem.form_error_of(self.problem.noise.colour(c)) for c in found]))
 
 
-@dataclass(frozen=True)
-class World:
-    """One robot that was drawn."""
-
-    readings: Array
-    """(n,) whitened."""
-    size: float
-    """Plausible scales."""
-    done: Mapping[str, Array]
-    """Effect -> its whitened response (n,)."""
-
-
-def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> World:
-    """One world with a cause (empty: none), by the equation at the top of the file; `clutter`: standard deviations of all other
-    effects in plausible scales, one of which this world has."""
+def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> tuple[Array, float, Array]:
+    """Readings (n,) of one world with a cause (empty: none), by the equation at the top of the file, the plausible scales of it,
+    and the response to it (n,), whitened; `clutter`: standard deviations of all other effects in plausible scales, one of which
+    this world has."""
     linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
     y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
     discrepancy_size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
     y += discrepancy_size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
-    clutter_sd, cause_size, responses = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
+    clutter_sd, cause_size, of_cause = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), np.zeros(len(y))
     for effect in d.effects:
         columns = d.sizes(effect)
         direction = rng.standard_normal(len(columns))
@@ -126,9 +115,10 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
         theta = np.where(p.low[columns] >= 0, np.abs(theta), np.where(p.high[columns] <= 0, -np.abs(theta), theta))
         response = noise.colour(linear.effects[:, columns] @ theta)
         law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (d.factors @ rng.standard_normal(d.factors.shape[1]))
-        responses[effect] = noise.whiten(response * (1 + law_error))
-        y += responses[effect]
-    return World(y, cause_size, responses)
+        own = noise.whiten(response * (1 + law_error))
+        y += own
+        of_cause += own * (effect == cause)
+    return y, cause_size, of_cause
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
@@ -207,9 +197,8 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
     """
     rng = np.random.default_rng(seed)
     cause = np.repeat(["", *plan.effects], each)
-    worlds = [drawn(plan, rng, one, clutter) for one in cause.tolist()]
-    hypotheses, p = probabilities(plan, np.array([w.readings for w in worlds]))
-    size = np.array([w.size for w in worlds])
+    readings, size, of_cause = map(np.array, zip(*(drawn(plan, rng, one, clutter) for one in cause.tolist()), strict=True))
+    hypotheses, p = probabilities(plan, readings)
     named, probability = np.array(["".join(h) for h in hypotheses])[p.argmax(axis=1)], p.max(axis=1)
     right = cause == named
     weight = np.where(cause == "", PRIOR_OF_NUMBER[0], (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects))
@@ -218,7 +207,7 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
 
     def rates_of(effect: str) -> EffectPower:
         with_cause = cause == effect
-        floors = [plan.floors(w.done[effect]) / w.size for w, own in zip(worlds, with_cause, strict=True) if own]
+        floors = [plan.floors(done) / own for done, own in zip(of_cause[with_cause], size[with_cause], strict=True)]
         right_by_size = {name: right[with_cause & (size_class == k)] for k, name in enumerate(SIZES)}
         taken_for = Counter(str(n) or "none" for n in named[with_cause & ~right])
         return EffectPower(
@@ -232,7 +221,7 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
     share, sd = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
     interval = (max(share - 1.96 * sd, 0.0), min(share + 1.96 * sd, 1.0))
     unseen = tuple(e for e in catalogue if e not in plan.effects)
-    return Power(len(worlds), share, interval, float(weight @ probability), tuple(map(rates_of, plan.effects)), unseen)
+    return Power(len(cause), share, interval, float(weight @ probability), tuple(map(rates_of, plan.effects)), unseen)
 
 
 @dataclass(frozen=True)

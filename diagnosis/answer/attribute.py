@@ -14,13 +14,13 @@ from ..criticism.outside import log_weight_of, related
 from ..criticism.stage_errors import StageError, odds_unnamed, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
-from ..inference.budget import Budget, WeighedCauses, weighed
+from ..inference.budget import Budget, WeighedCauses
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
-from ..inference.executor import SINGLE_THREAD, Executor
+from ..inference.executor import Executor
 from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import UNKNOWN, EffectPosterior, Related, alike, odds_of_relatives, with_unknown
-from ..inference.prepare import Prepared, parts
+from ..inference.prepare import Prepared
 from ..judgement import LEAST_STATED, LISTED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
@@ -72,37 +72,25 @@ class Attribution:
         return {fit: moved for fit, moved in found.items() if moved}
 
 
-@dataclass(frozen=True)
-class Begun:
-    """The leading hypotheses of one campaign, while their relatives are fitted in other processes."""
-
-    weighed: WeighedCauses
-    calibrated: Fit
-    """The baseline: area factor and tolerances fitted, no effect."""
-    relatives: Callable[[], list[tuple[Related, ...]]]
-    """Waits for them; to be called once."""
-
-
-def begin(p: Prepared, executor: Executor = SINGLE_THREAD) -> Begun:
-    """Search and rank the hypotheses of a campaign, and start to fit what stands beside the catalogue."""
-    w = weighed(p.problem, parts(p), executor)
+def related_ahead(p: Prepared, w: WeighedCauses, executor: Executor) -> Callable[[], list[tuple[Related, ...]]]:
+    """Start to fit what stands beside the catalogue; the function returned waits for it, and is to be called once."""
     found = w.whole.candidates
     asked = {c.named: c for c in (w.leading, w.best)}
     if NONE not in asked:
         asked[NONE] = w.search.with_all_derivatives(found[NONE])
     reached = {h: c.log_evidence for h, c in found.items()}
-    relatives = executor.ahead(partial(related, p, reached=reached), [tuple(asked.values())])
-    return Begun(w, calibrated(p), relatives)
+    return executor.ahead(partial(related, p, reached=reached), [tuple(asked.values())])
 
 
-def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attribution:
-    """Weigh what was found against causes outside the catalogue, and decide; `begun`: the hypotheses of the catalogue, ranked,
-    `stages`: effect -> stage."""
-    w = begun.weighed
+def attribute(
+    p: Prepared, stages: Mapping[str, str], w: WeighedCauses, baseline: Fit, relatives_of: Callable[[], list[tuple[Related, ...]]]
+) -> Attribution:
+    """Weigh hypotheses of the catalogue, `w`, against causes outside it (`related_ahead`), and decide; `stages`: effect -> stage,
+    `baseline`: area factor and tolerances fitted, no effect."""
     leading, best, candidates = w.leading, w.best, w.whole.candidates
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause: the least gain.
     free_forms = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
-    (relatives,) = begun.relatives()
+    (relatives,) = relatives_of()
     effects = len(p.problem.parameters.ids)
     odds = odds_of_relatives(w.search.tried, [log_weight_of(r, effects) for r in relatives], effects)
     odds += odds_unnamed(total_gain(free_forms), p.noise_components.excess_scatter)
@@ -122,7 +110,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         prepared=p,
         posterior=ranked,
         best=best,
-        calibrated=begun.calibrated,
+        calibrated=baseline,
         outlier_trial=outlier_trial(p.problem, leading, p.states.trial[p.labels.state]),
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),

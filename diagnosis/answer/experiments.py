@@ -138,19 +138,13 @@ def _states(p: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 
 def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> Columns:
     """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
-    states = _states(p)
-    n = len(states["trial"])
-    out: dict[str, Any] = {
-        "trial": states.pop("trial"),
-        "protocol": np.array([p["protocol"]] * n),
-        "t": np.cumsum(states.pop("seconds")),
-        "rate": np.full(n, p["rate"]),
-        "tip_mass": np.full(n, p["tip_mass"]),
-        "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
-    }
-    pressure, rest = states.pop("pressure"), p.get("rest", 0.0)
-    out |= states | {f"p{c}": np.where(c in p["chambers"], pressure, rest) for c in range(1, chambers + 1)}
-    return out | {name: np.full(n, 1.0 if name == "qw" else 0.0) for name in channels}
+    states, rest = _states(p), p.get("rest", 0.0)
+    pressure, seconds = states.pop("pressure"), states.pop("seconds")
+    by_state: dict[str, Any] = {"t": np.cumsum(seconds), **states}
+    by_state |= {f"p{c}": np.where(c in p["chambers"], pressure, rest) for c in range(1, chambers + 1)}
+    of_all = {"roll_deg": 0.0} | {name: p[name] for name in ("protocol", "rate", "tip_mass", "roll_deg") if name in p}
+    of_all |= {name: 1.0 if name == "qw" else 0.0 for name in channels}
+    return by_state | {name: np.full(len(seconds), value) for name, value in of_all.items()}
 
 
 def to_apply(p: Mapping[str, Any], words: Words) -> str:

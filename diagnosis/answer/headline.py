@@ -203,9 +203,9 @@ def relative(id: str, at_places: Mapping[str, Mapping[str, Value]], words: Words
     return [*names, spec.name(words)], words.fill(spec.seen_best_in, where)
 
 
-def _short_enough(*texts: str) -> str:
-    """The first text that is short enough, or the last."""
-    return next((text for text in texts if len(text.split()) <= MOST_WORDS), texts[-1])
+def _short_enough(*texts: str, most: int = MOST_WORDS) -> str:
+    """The first text of at most so many words, or the last."""
+    return next((text for text in texts if len(text.split()) <= most), texts[-1])
 
 
 @dataclass(frozen=True)
@@ -226,11 +226,8 @@ class Speech:
             return ""
         both = (a.effects, second.effects)
         in_full, by_name = (self.with_sizes(effects, spread=False) for effects in both), map(self.named, both)
-        for first, other in (in_full, by_name) if a.probability >= LIKELY else (by_name,):
-            text = f"{first} or {other} ({a.p}, {second.probability:.2f})."
-            if len(text.split()) <= MOST_WORDS:
-                return text
-        return ""
+        ways = (in_full, by_name) if a.probability >= LIKELY else (by_name,)
+        return _short_enough(*(f"{first} or {other} ({a.p}, {second.probability:.2f})." for first, other in ways), "")
 
     def named(self, effects: Sequence[str]) -> str:
         """The plain names of effects."""
@@ -244,12 +241,9 @@ class Speech:
         if not effects:
             return "there is no cause"
         sizes = next((r.parameters for r in self.d.attribute.ranking if r.effects == tuple(effects)), {})
-        for each in (spread, False):
-            said = " and ".join(self._says(e, sizes, each) for e in effects)
-            if len(said.split()) <= ROOM:
-                return said
+        said = (" and ".join(self._says(e, sizes, each) for e in effects) for each in (spread, False))
         names = [self.named((e,)) for e in effects]
-        return next(text for k in (3, 2, 1) if len((text := ", ".join(names[:k])).split()) <= ROOM)
+        return _short_enough(*said, *(", ".join(names[:k]) for k in (3, 2, 1)), most=ROOM)
 
     def _says(self, effect: str, sizes: Mapping[str, Value], spread: bool) -> str:
         """One effect with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""

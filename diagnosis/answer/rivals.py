@@ -105,9 +105,8 @@ class Rivals:
         # the same parameters in this model and among those of the problem that last
         _, in_model, known = np.intersect1d([*names], np.take(fitted_parameters.names, lasting), return_indices=True)
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
-        fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         source = np.array([info.source for info in forward.parameters])
-        mounted = np.isin(source, MOUNTED)
+        fresh = ~np.isin(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         observed, design, length = forward.observations, forward.design, p.robot.length
         branch, no_kind = np.where(design.unload, -1.0, 1.0), np.zeros(len(design))
         where = settings(design.spine_length, design.pressure.max(axis=1), branch, no_kind, length)
@@ -120,8 +119,8 @@ class Rivals:
             if not np.isfinite(mean).all() or not np.isfinite(slope).all():
                 return None
             covariance = slope[:, in_model] @ known_covariance[np.ix_(known, known)] @ slope[:, in_model].T  # S C S^T
-            covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
-            covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
+            for again in (fresh, np.isin(source, MOUNTED)):  # S' V S'^T and, besides C, S_m V_m S_m^T
+                covariance += (slope[:, again] * own_sd[again] ** 2) @ slope[:, again].T
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
             covariance += size**2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does

@@ -263,7 +263,7 @@ def numbers_beyond(p: FitParameters, moved: Mapping[int, float], robot: Robot) -
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
         name = names.get(p.infos[i].source, p.infos[i].name.removesuffix(".excess"))
         name += " (`zero` of the positions)" * (p.infos[i].source == "frame_shift")
-        yield finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit)
+        yield finding("number_moved", name=name, by=by, unit=unit, side="above" if value > 0 else "below", sd=sd, sd_unit=sd_unit)
 
 
 def beyond_tolerance(p: Prepared, fit: Fit, moved: Mapping[int, float], robot: Robot, name: str = "the fit") -> Finding:

@@ -31,12 +31,12 @@ from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.fit import fit, fit_alone
+from ..inference.fit import Fit, fit, fit_alone
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import TINY, Prepared
 from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
-from .attribute import Attribution, Begun, calibrated
+from .attribute import Attribution, calibrated
 from .decision import share_closed
 from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 
@@ -74,14 +74,16 @@ def distance(p: Prepared, residual: Array) -> Array:
     return np.asarray(np.linalg.norm(p.gap(residual), axis=1))
 
 
-def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:
+def unseen_states(
+    p: Prepared, baseline: Fit, best: Candidate, executor: Executor
+) -> Callable[[Attribution], Callable[[], Unseen]]:
     """Predict held-out states by the baseline and by what leads. Call the result with the answer to start the refits of its
     rivals and for its waterfall, and what that returns to wait for them."""
     found = left_out(p, executor)
     if found is None:
         return lambda f: Unseen
     parts, how = found
-    models = [Model(p.problem.parameters.prior_of(NONE), 0.0, begun.calibrated.theta), candidate_model(p, begun.weighed.best)]
+    models = [Model(p.problem.parameters.prior_of(NONE), 0.0, baseline.theta), candidate_model(p, best)]
     residuals = dict(zip(("calibrated", "explained"), parts.residuals(models, DiagnosisStep.HELD_OUT_STATES)(), strict=True))
     before, after = (distance(p, residual) for residual in residuals.values())
 
@@ -155,13 +157,9 @@ def _steps(
     given, as_it_is = distance(p, p.problem.observed - p.given), _simulator_as_it_is(p)
     before = [given, *([] if as_it_is is None else [as_it_is])]
     seen: Mask = np.asarray(np.isfinite([*by_causes.values(), *before, *after]).all(axis=0))  # predicted by every model
-    names, trial = np.unique(p.states.trial[seen], return_inverse=True)
-    drawn = np.vstack([np.arange(len(names)), _drawn_anew(np.zeros(len(names), np.int64))])
 
     def rms_of(errors: Array) -> Array:
-        """(draws,) m, the data as they are first."""
-        squares, states = np.bincount(trial, errors[seen] ** 2)[drawn], np.bincount(trial)[drawn]
-        return np.asarray(np.sqrt(squares.sum(axis=1) / states.sum(axis=1)))
+        return np.sqrt(_mean_squares(errors[seen], p.states.trial[seen]))
 
     of_causes = {causes: rms_of(errors) for causes, errors in by_causes.items()}
     order: Hypothesis = ()  # each cause the one that takes most of what the causes before it leave
@@ -173,7 +171,7 @@ def _steps(
     titles += [("cause", e) for e in order]
     titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
     levels_m = [*map(rms_of, before), *(of_causes[frozenset(order[:k])] for k in range(len(order) + 1)), *map(rms_of, after)]
-    levels_m += [np.full(len(drawn), p.noise_floor), np.zeros(len(drawn))]
+    levels_m += [np.full_like(levels_m[0], level) for level in (p.noise_floor, 0.0)]
     steps = []
     for (name, effect), higher, lower in zip(titles, levels_m[:-1], levels_m[1:], strict=True):
         decrease = taken = higher - lower
@@ -206,13 +204,10 @@ def interval_closed(
 
     Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
     """
-    names, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
-    if len(names) < 2:
+    if len(np.unique(trial)) < 2:
         return None
-    drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first_state])
-    n = np.bincount(index)[drawn].sum(axis=1)
     # m^2 above the floor in each draw, before and after, as in `share_closed`
-    reducible, remaining = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
+    reducible, remaining = (_mean_squares(e, trial, kind)[1:] - floor**2 for e in (before, after))
     shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
     if not shares.size:
         return None
@@ -220,11 +215,12 @@ def interval_closed(
     return float(low), float(high)
 
 
-def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:
-    """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
-    _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
+def _mean_squares(errors: Array, trial: Ints, kind: Ints | None = None, draws: int = 500, seed: int = 31337) -> Array:
+    """(1 + draws,) m^2 of errors (n,) m: of the data as they are, and with trials (n,) drawn anew among those of their kind."""
+    _, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
+    _, of_trial, count = np.unique((trial * 0 if kind is None else kind)[first_state], return_inverse=True, return_counts=True)
     rng = np.random.default_rng(seed)
-    out = np.empty((draws, len(kind)), np.int64)
-    for group in rows_by(np.where(count[kind] < 2, -1, kind)):
-        out[:, group] = group[rng.integers(0, group.size, (draws, group.size))]
-    return out
+    drawn = np.tile(np.arange(len(of_trial)), (1 + draws, 1))
+    for group in rows_by(np.where(count[of_trial] < 2, -1, of_trial)):
+        drawn[1:, group] = group[rng.integers(0, group.size, (draws, group.size))]
+    return np.asarray(np.bincount(index, errors**2)[drawn].sum(axis=1) / np.bincount(index)[drawn].sum(axis=1))

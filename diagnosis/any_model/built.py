@@ -216,11 +216,8 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
         change = {s: moved(np.where(one, s, 0.0), at_nominal) for s in (sides if p.group == "effect" else sides[:1])}
         acts = [s for s, own in change.items() if least(own)]
         for times in TIMES_PLAUSIBLE[1:] if p.group == "effect" and not acts else ():  # it may begin to act at a larger size
-            larger = {
-                s: model.predict(np.where(one, s, 0.0)) - at_nominal[model.kept]
-                for s in np.clip(times * np.array(sides), p.low, p.high).tolist()
-            }
-            change = {s: np.where(np.isfinite(own), own, 0.0) for s, own in larger.items()}
+            larger = np.clip(times * np.array(sides), p.low, p.high).tolist()
+            change = {s: np.nan_to_num(model.predict(np.where(one, s, 0.0)) - at_nominal[model.kept]) for s in larger}
             if acts := [s for s, own in change.items() if least(own)]:
                 sides, size[i] = [*change], acts[0]
                 break

@@ -346,15 +346,11 @@ def together(search: Search) -> list[Candidate]:
 
 def related(b: Built, causes: Iterable[Cause], candidates: Sequence[Candidate]) -> tuple[Related, ...]:
     """Relatives in the place of each cause that candidates name, and alone where they name none, the most probable first."""
-    out: dict[tuple[str, Hypothesis], Related] = {}
-    for c in candidates:
-        for cause in causes:
-            if c.named and cause.name not in c.named:
-                continue
-            for relative in cause.relatives:
-                beside = tuple(e for e in c.named if e != cause.name)
-                if (relative.name, beside) not in out and any(p.source == relative.name for p in b.of_relatives):
-                    out[relative.name, beside] = _with_relative(b, relative, beside, c)
+    out, known = dict[tuple[str, Hypothesis], Related](), {p.source for p in b.of_relatives}
+    for c, cause in ((c, cause) for c in candidates for cause in causes if not c.named or cause.name in c.named):
+        beside = tuple(e for e in c.named if e != cause.name)
+        for relative in (r for r in cause.relatives if r.name in known and (r.name, beside) not in out):
+            out[relative.name, beside] = _with_relative(b, relative, beside, c)
     return tuple(sorted(out.values(), key=lambda r: -r.log_evidence))
 
 

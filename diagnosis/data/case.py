@@ -163,7 +163,6 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
             yield finding("moved_to_model", words, straight=straight)
     elif len(pushes):
         yield finding("only_stiffness_trials", words)
-        yield finding("probabilities_not_calibrated")
     if len(pushes):
         if pushes.repeats < 3:
             how = "were not repeated" if pushes.repeats < 2 else "were repeated only once"

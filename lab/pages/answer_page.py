@@ -85,10 +85,8 @@ def write(answer: Answer, path: Path, title: str, source: str) -> Path:
 
 def rms(by_output: Mapping[str, float], outputs: Mapping[str, str]) -> str:
     """Root mean square of outputs for a person; those of one unit are the components of one vector."""
-    sums: dict[str, float] = {}
-    for name, unit in outputs.items():
-        sums[unit] = sums.get(unit, 0.0) + by_output[name] ** 2
-    parts = [(np.sqrt(total), *SMALL.get(unit, (1.0, unit))) for unit, total in sums.items()]
+    sizes = {unit: np.linalg.norm([by_output[name] for name, u in outputs.items() if u == unit]) for unit in outputs.values()}
+    parts = [(size, *SMALL.get(unit, (1.0, unit))) for unit, size in sizes.items()]
     return ", ".join(f"{value * factor:.3g} {unit}".rstrip() for value, factor, unit in parts)
 
 
@@ -158,12 +156,10 @@ def _residuals(axis: Any, answer: Answer, unit: str) -> None:
 
     own = [i for i, u in enumerate(answer.outputs.values()) if u == unit]
     factor, shown = SMALL.get(unit, (1.0, unit))
-    floor = answer.steps[-1].seen.by_output
-    axis.axhspan(
-        0, factor * float(np.sqrt(sum(floor[name] ** 2 for name, u in answer.outputs.items() if u == unit))), color="0.9"
-    )
+    floor = [answer.steps[-1].seen.by_output[name] for name, u in answer.outputs.items() if u == unit]
+    axis.axhspan(0, factor * np.linalg.norm(floor), color="0.9")
     for (step, residual), colour, mark in zip(answer.residuals.items(), (GREY, BLUE), "os", strict=False):
-        length = np.sqrt((residual[:, own] ** 2).sum(axis=1)) * factor
+        length = np.linalg.norm(residual[:, own], axis=1) * factor
         axis.plot(np.arange(1, len(length) + 1), length, mark, ms=3, color=colour, label=NAMES[step])
     drawn = ", ".join(list(answer.outputs)[i] for i in own)
     axis.set(xlabel="row", ylabel=f"residual of {drawn}, {shown}".rstrip(", "), ylim=(0, None))

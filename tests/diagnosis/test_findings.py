@@ -61,7 +61,7 @@ def test_values_from_outside_are_never_read_as_a_template() -> None:
 
 
 def test_the_file_of_an_answer_holds_code_severity_values_and_text() -> None:
-    parts = [finding("number_above", name="density", by=12.0, unit="%", sd=5.0, sd_unit="%")]
+    parts = [finding("number_moved", name="density", by=12.0, unit="%", side="above", sd=5.0, sd_unit="%")]
     answer = replace(ANSWER, findings=(finding("beyond_tolerance", fit="the fit", numbers=parts), finding("no_unload")))
     stored = json.loads(answer.to_json())
     first = stored["findings"][0]

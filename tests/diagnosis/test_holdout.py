@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.answer.attribute import Attribution, attribute, begin
+from diagnosis.answer.attribute import Attribution, attribute, calibrated, related_ahead
 from diagnosis.answer.decision import Decision
 from diagnosis.answer.holdout import evaluate_holdout, other_campaign
 from diagnosis.answer.sentences import held_out
 from diagnosis.answer.unseen import interval_closed
 from diagnosis.data.case import states
 from diagnosis.errors import BadHoldout
-from diagnosis.inference.prepare import prepare
+from diagnosis.inference.budget import weighed
+from diagnosis.inference.executor import SINGLE_THREAD
+from diagnosis.inference.prepare import parts, prepare
 from recordings.trials import TrialRow
 from tests.diagnosis.small_campaigns import FEW, SOME, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
@@ -30,7 +32,9 @@ def diagnosed() -> Measured:
 def found(diagnosed: Measured) -> Attribution:
     three = {effect: SOME[effect] for effect in ("chamber_azimuth", "base_tilt", "marker_offset")}
     prepared = prepare(ROBOT, states(diagnosed)[0], catalogue=three)
-    return attribute(prepared, {effect: spec.stage for effect, spec in three.items()}, begin(prepared))
+    leading = weighed(prepared.problem, parts(prepared), SINGLE_THREAD)
+    relatives, stages = related_ahead(prepared, leading, SINGLE_THREAD), {effect: spec.stage for effect, spec in three.items()}
+    return attribute(prepared, stages, leading, calibrated(prepared), relatives)
 
 
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:

@@ -41,12 +41,12 @@ def test_a_case_is_foreseen_state_by_state(plan: Case) -> None:
 
 def test_many_worlds_at_once_are_weighed_as_one_is(design: Planned) -> None:
     rng = np.random.default_rng(5)
-    worlds = [drawn(design, rng, cause, (0.05,)) for cause in ("", "base_tilt", "spine_slip", "body_modulus")]
-    named, found = probabilities(design, np.array([w.readings for w in worlds]))
-    for i, w in enumerate(worlds):
+    readings = [drawn(design, rng, cause, (0.05,))[0] for cause in ("", "base_tilt", "spine_slip", "body_modulus")]
+    named, found = probabilities(design, np.array(readings))
+    for i, own in enumerate(readings):
         log = []
         for h in named:
-            linear = replace(design.linear, observed=w.readings, form_error=design.form_errors(h))
+            linear = replace(design.linear, observed=own, form_error=design.form_errors(h))
             log.append(weigh(linear, KNOWN, design.problem.parameters, [h])[0].log_evidence)
         shares = [PRIOR_OF_NUMBER[len(h)] / (len(design.effects) if h != NONE else 1) for h in named]
         score = np.array(log) / TEMPERATURE + np.log(shares)
