@@ -27,7 +27,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, swapped
+from .order import SAME, apart, swapped, turned
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -108,9 +108,8 @@ def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given, turn, words = np.array(robot.actuators.azimuths_deg), float(np.degrees(theta[AZIMUTH])), robot.actuators.words
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
-    from_where = ", counted from the opposite direction" if abs(whole) == 180.0 else ""
-    said = mistake("azimuths_turned", words.fill("azimuths of the {actuators}"), name="azimuths_deg", turn=abs(whole),
-                   given=given[0], found=given[0] + turn, whence=from_where, line=listed((given + whole) % 360))  # fmt: skip
+    short, found = words.fill("azimuths of the {actuators}"), given[0] + turn
+    said = mistake("azimuths_turned", short, given=given[0], found=found, **turned(robot, whole))
     return [said] if _beyond(theta, AZIMUTH) else []
 
 
