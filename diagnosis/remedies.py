@@ -85,7 +85,8 @@ def of_trials(trials: Table) -> str:
         return "number the repeats in column `trial`"
     away = np.abs(trials.pressures).max(axis=1) > REST
     begin = "rest" if np.count_nonzero(away[1:] & ~away[:-1]) > 1 else "state"
-    return _write("trials", f'{{"begin": "{begin}"}}' if mapped.call else f"{{begin: {begin}}}", mapped)
+    wins = "leave out columns.trial, and " * ("trial" in dict(mapped.headings))  # it says where trials begin, whatever `begin` is
+    return wins + _write("trials", f'{{"begin": "{begin}"}}' if mapped.call else f"{{begin: {begin}}}", mapped)
 
 
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:

@@ -27,7 +27,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, swapped
+from .order import SAME, apart, swapped, turned
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -108,16 +108,15 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
     found = (sense * given + (1 - sense) * given[0] + whole) % 360
+    short, said = words.fill("azimuths of the {actuators}"), turned(robot, whole)
     if sense < 0:
         if pair := swapped(found, given):
             return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
-        how = short = words.fill("{actuators} counted the other way round")
+        short = words.fill("{actuators} counted the other way round")
         found = -given if (apart(found, -given) < SAME).all() else found  # as stated, in the other sense
-    else:
-        from_where = ", counted from the opposite direction" if abs(whole) == 180.0 else ""
-        how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
-    said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
-    return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
+        said = {"how": short, "line": listed(found)}
+    mistaken = [mistake("azimuths_elsewhere", short, given=given[0], found=found[0], **said)]
+    return mistaken if sense < 0 or _beyond(theta, AZIMUTH) else []
 
 
 def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0, markers: Array | float = 0.0) -> Variants:

@@ -94,11 +94,14 @@ class Points(FileTable):
     """Take the tip's orientation from three markers or more."""
 
 
+Order = Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"]
+
+
 class Orientation(FileTable):
     """How the tip is turned."""
 
     columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
-    order: Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"] = "wxyz"
+    order: Order = "wxyz"
     """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic)."""
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""

@@ -113,7 +113,7 @@ def _as_map(keys: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
         *ORIENTATION,
         *(f"{body if body != 'tip' else ''}{a}" for body in points for a in "xyz"),
     }
-    described |= {"trial"} if trials.get("begin") == "state" or "change" in trials else set()
+    described |= {"trial"} if {"begin", "change"} & trials.keys() else set()
     columns = {name: entry for name, entry in own.items() if name in keys["columns"] or name not in described}
     no_quaternion = "orientation" in keys or not set(ORIENTATION) <= own.keys()
     orientation = (

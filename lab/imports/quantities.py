@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker
 
 from ..files.config import ConfigError
 from ..files.jumps import at_rest
-from ..files.map_file import ONE_CAMERA, Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
+from ..files.map_file import ONE_CAMERA, Column, Map, Name, Order, Orientation, Point, Points, factor, quantities, units_for
 from ..files.units import KINDS
 from .clock import seconds, timeline
 from .columns import is_missing
@@ -29,8 +29,10 @@ from .headings import chamber, heading, tendon
 from .places import turn_misfit
 from .series import CALL, FRAME, Series, axes_of, listed, name_of, numbers, texts, unit_in, unseen
 
-OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
+OF_ANGLES: tuple[Order, ...] = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
+ORDERS: Mapping[int, tuple[Order, ...]] = {3: (*OF_ANGLES, "euler zyx", "euler ZYX"), 4: ("wxyz", "xyzw")}
+"""Number of columns -> all orders that they may have."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
 FURTHER = re.compile("sensor_|sd_|tip_moment_")
@@ -59,6 +61,8 @@ class FileRows:
     notes: tuple[str, ...] = ()
     """What is missing."""
     questions: tuple[str, ...] = ()
+    order: str = ""
+    """What says that another order of the orientation's columns fits the places clearly better."""
     unit: str | None = None
     """Of the pressures; empty where nothing says it, and they were read as Pa."""
     base: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -157,7 +161,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
         tip = file.places_of("xyz", values, "the tip") @ frame.T
     columns: dict[str, Array] = {name: v for name, v in values.items() if name in (*HEAD, *TAIL) or FURTHER.match(name)}
     columns |= driven | dict(zip(TIP, tip.T, strict=True)) | _turn(file, wanted, frame)
-    notes += _order_note(series, wanted, frame, tip, file.resting)
+    order = _better_order(series, wanted, frame, tip, file.resting)
     names = [f"m{k}" for k in range(1, 100) if f"m{k}" in wanted.points or f"m{k}x" in values]
     for axes, name in zip(marker_columns(len(names)), names, strict=True):
         columns |= zip(axes, (_marker(file, wanted, values, name) @ frame.T).T, strict=True)
@@ -183,7 +187,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
         f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}"
         for text, keys in file.contradicted.items()
     ]  # what changes all numbers comes first
-    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), unit=file.unit,
+    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), order=order, unit=file.unit,
                    base=tuple(wanted.base(file.factors).tolist()))  # fmt: skip
 
 
@@ -324,14 +328,16 @@ def orientation_columns(turn: scipy.spatial.transform.Rotation, there: Mask) -> 
     return dict(zip(ORIENTATION, values.T, strict=True))
 
 
-def misfits(series: Series, given: Orientation, frame: Array, tip: Array, resting: Mask) -> dict[str, float]:
-    """Order of three angles -> deg (rms) by which the tip, (n, 3) m, then turns about another axis than the one across its
+def misfits(
+    series: Series, given: Orientation, frame: Array, tip: Array, resting: Mask, orders: Sequence[Order] = OF_ANGLES
+) -> dict[Order, float]:
+    """Order of the columns -> deg (rms) by which the tip, (n, 3) m, then turns about another axis than the one across its
     displacement; empty where it hardly turns.
 
     A body that bends turns about no other axis; a wrong order adds turns about its own."""
-    misfit_of = {}
+    misfit_of = dict[Order, float]()
     onto = scipy.spatial.transform.Rotation.from_matrix(frame)
-    for order in OF_ANGLES:
+    for order in orders:
         turn, stated_rows = stated(series, given.model_copy(update={"order": order}))
         kept = stated_rows & np.isfinite(tip).all(axis=1)
         if (kept & resting).any() and (off := turn_misfit(tip[kept], onto * turn[kept] * onto.inv(), resting[kept])) is not None:
@@ -340,22 +346,22 @@ def misfits(series: Series, given: Orientation, frame: Array, tip: Array, restin
 
 
 def clearly_worse(off: float, other: float) -> bool:
-    """Whether an order of angles misses (deg) by so much more than another that it is asked about."""
+    """Whether an order misses (deg) by so much more than another that it is asked about."""
     return off > max(TIMES_WORSE * other, other + DEGREES_WORSE)
 
 
-def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: Mask) -> Iterator[str]:
-    """Ask for a check of the order of angles where another one fits the bending of the tip, (n, 3) m, clearly better."""
-    angles = wanted.orientation
-    off_by = misfits(series, angles, frame, tip, resting) if angles is not None and angles.order in OF_ANGLES else {}
-    if angles is None or not off_by:
-        return
+def _better_order(series: Series, wanted: Map, frame: Array, tip: Array, resting: Mask) -> str:
+    """Say which order of the orientation's columns fits the bending of the tip, (n, 3) m, clearly better; empty if none does."""
+    given = wanted.orientation
+    off_by = misfits(series, given, frame, tip, resting, ORDERS[len(given.columns)]) if given is not None else {}
+    if given is None or given.order not in off_by:
+        return ""
     best = min(off_by, key=lambda order: off_by[order])
-    if clearly_worse(off_by[angles.order], off_by[best]):
-        yield (
-            f"orientation.order {angles.order}: the tip turns by {off_by[angles.order]:.1f} deg about axes other than its "
-            f"bending axis; with {best}, by {off_by[best]:.1f} deg: check the order"
-        )
+    return (
+        f"orientation.order {given.order}: the tip turns by {off_by[given.order]:.1f} deg about axes other than its bending "
+        f"axis; with {best}, by {off_by[best]:.1f} deg: check the order, and if it is this one, write `order: {best}` "
+        "under orientation"
+    ) * clearly_worse(off_by[given.order], off_by[best])
 
 
 def stated(series: Series, given: Orientation) -> tuple[scipy.spatial.transform.Rotation, Mask]:

@@ -23,6 +23,7 @@ from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
 from diagnosis.data.shift import shifted
 from diagnosis.errors import BadCase
+from diagnosis.remedies import of_trials
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
@@ -53,6 +54,8 @@ LEAST_ACROSS = 1e-3
 """Share of the length by which tips are off a line, below which they show no turn about it."""
 MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
+MOST_TRIALS = 0.9
+"""Trials per state from which a column of trials is asked about: it changes with nearly every row."""
 SAME_ROLL = 2.0
 """deg of roll within which a mounting is the same."""
 
@@ -257,7 +260,8 @@ def conclude(
         states = _with(states, FORCES, turn.apply(states.tip_force @ wanted.frame.matrix.T))
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states, counted, notes, partial(_unmapped, rows, every))
-    notes += _contradictions(table, float(straight[2]))
+    orders = [f"{series.path.name}: {q.order}" for series, q, _ in every if q.order]
+    notes += *_contradictions(table, float(straight[2]), orders), *orders
     _demand_mounted(table)
     if wanted.stiffness is not None:
         file, forces = np.array([file for file, _ in rows]), [q.constants.get("force") for _, q, _ in every]
@@ -269,6 +273,10 @@ def conclude(
         table = replace(table, mapped=replace(wanted.mapped(unit, every[0][0].form == FRAME), base=None if others else base))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
+    trials, remedy = len(np.unique(table.trial)), of_trials(table)
+    if "trial" in counted and trials > MOST_TRIALS * len(table) and "rest" in remedy:
+        about = f"columns.trial: {trials} trials in {len(table)} states, though the robot rests in between"
+        notes.append(f"{about}: does it count something else? If so, {remedy}")
     notes += map(str, shifted(table, robot.length, places.__getitem__))
     with suppress(BadCase):  # which is said where the table is used
         notes += [str(f) for f in measured.states(measured.Case(robot, table))[1] if f.code == "repeated_within_trials"]
@@ -307,9 +315,12 @@ def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:
         )
 
 
-def _contradictions(states: Table, length: float) -> Iterator[str]:
-    """Ask about orientations that do not fit places (`length`: m of the body), and mountings that vary with the pressures."""
+def _contradictions(states: Table, length: float, orders: Sequence[str]) -> Iterator[str]:
+    """Ask about orientations that do not fit places (`length`: m of the body), and mountings that vary with the pressures. Raises
+    ConfigError where `orders` name another order of the orientation's columns that fits them."""
     if (off := turn_off(states, length)) is not None:
+        if orders:
+            raise ConfigError(*orders)
         yield (
             f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
             f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "

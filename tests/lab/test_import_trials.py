@@ -217,6 +217,23 @@ def test_a_trial_column_says_where_trials_begin_and_a_change_under_pressure_is_n
 
 
 @pytest.mark.parametrize(
+    ("label", "said"),
+    [
+        (lambda k: "1", "states were repeated within one trial only"),
+        (lambda k: str(1 + k % 3), "columns.trial: 40 trials in 40 states, though the robot rests in between: does it count"),
+    ],
+)  # fmt: skip
+def test_what_to_write_instead_of_a_column_that_counts_no_trials_is_said_and_helps(
+    label: Callable[[int], str], said: str, tmp_path: Path
+) -> None:
+    content = table(TWO_RESTS, lambda s, r, g, i, k: (label(k),), ("trial",))
+    (*_, note) = by_map(tmp_path, content, columns={"trial": {"column": "trial"}}).notes
+    assert said in note and note.endswith("leave out columns.trial, and write `trials: {begin: rest}` in map.yaml"), note
+    made = by_map(tmp_path, content, trials={"begin": "rest"})
+    assert lengths(made) == [5] * 8 and not made.notes
+
+
+@pytest.mark.parametrize(
     ("more", "said"),
     [
         ({"trials": {"change": ["Kammer"]}}, "trials.change = 'Kammer': no such column"),
@@ -266,20 +283,21 @@ def test_the_picture_has_a_panel_for_each_group_and_legends_beside_the_data(
 
 
 # ------------------------------------------------------------------ maps that read the right file wrongly
-ANGLES = ("phi x [deg]", "phi y [deg]", "phi z [deg]")
+ANGLES, QUATERNION = ("phi x [deg]", "phi y [deg]", "phi z [deg]"), ("q w", "q x", "q y", "q z")
 HALF = ("mid x", "mid y", "mid z")
 EACH_AND_PAIRS = ((1,), (2,), (3,), (1, 2), (2, 3))
 
 
 @functools.cache
 def content() -> str:
-    """Each group up and down twice, as the rod has it (mbar, mm): the tip, its angles, and a marker at half the length."""
-    robot, lines = load(ROBOT, Robot), [";".join([*HEADINGS, *ANGLES, *HALF])]
+    """Each group up and down twice, as the rod has it (mbar, mm): the tip, its angles and quaternion, and a marker at half the
+    length."""
+    robot, lines = load(ROBOT, Robot), [";".join([*HEADINGS, *ANGLES, *HALF, *QUATERNION])]
     asked = [(level, group) for group in 2 * EACH_AND_PAIRS for level in (0, 200, 450, 200, 0)]
     pressures = np.array([[level * (c in group) for c in (1, 2, 3)] for level, group in asked], float)
     rod = Predictor(robot)(100.0 * pressures, arcs=[robot.length / 2])
     angles = Rotation.from_quat(rod.orientation, scalar_first=True).as_euler("xyz", degrees=True)
-    for k, values in enumerate(np.column_stack([pressures, 1e3 * rod.tip, angles, 1e3 * rod.shape[:, 0]])):
+    for k, values in enumerate(np.column_stack([pressures, 1e3 * rod.tip, angles, 1e3 * rod.shape[:, 0], rod.orientation])):
         lines.append(";".join(f"{v:.3f}".replace(".", ",") for v in (7.0 * k, *values)))
     return "\n".join(lines) + "\n"
 
@@ -336,7 +354,11 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
         (lambda v: v["orientation"].update(order="euler XYZ"), "orientation.order euler XYZ: the tip turns by"),
         pytest.param(lambda v: v["orientation"].update(order="rotation vector"), "with euler xyz, by 0.0 deg: check the order",
                      marks=pytest.mark.long),
-        (lambda v: v["orientation"].update(columns=list(ANGLES[::-1])), "check orientation (columns, order, unit)"),
+        (lambda v: v["orientation"].update(columns=list(ANGLES[::-1])), "write `order: euler ZYX` under orientation"),
+        (lambda v: v["orientation"].update(columns=list(QUATERNION), order="xyzw"),
+         "with wxyz, by 0.0 deg: check the order, and if it is this one, write `order: wxyz` under orientation"),
+        (lambda v: v.update(orientation={"columns": [*QUATERNION[1:], QUATERNION[0]]}, frame={"x": "y", "y": "-x", "z": "z"},
+                            straight="at rest"), "write `order: xyzw` under orientation"),
         (lambda v: v.pop("points") and v["columns"].update({a: {"column": f"mid {a}", "unit": "mm"} for a in "xyz"}),
          "no single mistake explains it: check which marker is the tip"),
         (column("roll_deg", column="phi y [deg]"), "write it under orientation"),
