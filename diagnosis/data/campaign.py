@@ -143,12 +143,6 @@ def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
     )
 
 
-def kinds_of(channel: NDArray[np.str_]) -> Ints:
-    """(n,) `Labels.kind` of channels: rx, ry, rz are turns of the tip, m1x, m1y .. places of markers."""
-    turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
-    return np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
-
-
 def places(states: int, row: Ints, channel: NDArray[np.str_], values: Array, axes: Sequence[str] = TIP) -> Array:
     """(states, 3) the tip, or the point of `axes`, among values (n,), each of a state `row` and a channel; NaN where none is."""
     of_axes = [channel == axis for axis in axes]
@@ -162,7 +156,12 @@ class Labels:
     state: Ints
     """(n,) index into the states."""
     channel: NDArray[np.str_]
-    kind: Ints
-    """(n,) 0 tip, 1 orientation, 2 marker, 3 force."""
-    axis: Ints
+    """(n,) x, y, z; rx, ry, rz are turns of the tip, m1x, m1y .. places of markers; force."""
+    axis = cached_property[Ints](lambda s: np.array([max("xyz".find(name[-1]), 0) for name in s.channel], np.int64))
     """(n,) which of its kind's three axes; 0 for forces."""
+
+    @cached_property
+    def kind(self) -> Ints:
+        """(n,) 0 tip, 1 orientation, 2 marker, 3 force."""
+        turn, marker = np.char.startswith(self.channel, "r"), np.char.startswith(self.channel, "m")
+        return np.select([turn, marker, self.channel == "force"], [1, 2, 3], 0).astype(np.int64)

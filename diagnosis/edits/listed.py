@@ -58,11 +58,12 @@ def every_edit(sample: Sample, near: Fit) -> list[Edit]:
 def _of_robot(sample: Sample) -> Iterator[Edit]:
     robot, arcs = sample.robot, sample.robot.marker_places()[:, 2]
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
-    yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
+    says = partial(_stiffness, "youngs_modulus", 1e3, "kPa")
+    yield Edit("modulus", 0.05, says, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
     if robot.bending_stiffness and robot.spine is None:
         tenfold = tuple((share * WIDEST,) for share in (0.75, -0.75))
         apply, widest = lambda v, own: replace(v, bending=v.bending * np.exp(own)), ((-WIDEST, WIDEST),)
-        yield Edit("modulus", 0.02, _bending, apply, tenfold, widest)
+        yield Edit("modulus", 0.02, partial(_stiffness, "bending_stiffness", 1.0, "N m^2"), apply, tenfold, widest)
     for sense, prior in ((1, 0.05), (-1, 0.03)):  # chambers turned, and counted the other way round, from the first one
         counted = partial(lambda s, v, _: replace(v, azimuth=s * v.azimuth + (1 - s) * v.azimuth[..., :1]), sense)
         yield Edit("order", prior, partial(_azimuths, sense), counted, EIGHTHS, widens={AZIMUTH: np.pi})
@@ -92,15 +93,11 @@ def _beyond(theta: Array, number: int) -> bool:
     return bool(abs(theta[number]) > judgement.EDIT_USUAL[number])
 
 
-def _modulus(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    kilo, limit = robot.youngs_modulus / 1e3, bool(abs(theta[MODULUS]) > judgement.EDIT_AT_BOUND * WIDEST)
-    found = kilo * float(np.exp(theta[MODULUS]))
-    return _refitted("youngs_modulus", kilo, found, "kPa", limit) if _beyond(theta, MODULUS) else []
-
-
-def _bending(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    given, other = robot.bending_stiffness or 0.0, bool(abs(own[0]) > judgement.EDIT_USUAL[MODULUS])
-    return _refitted("bending_stiffness", given, given * float(np.exp(own[0])), "N m^2") if other else []
+def _stiffness(name: str, size: float, unit: str, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+    change, given = float(own[0] if own.size else theta[MODULUS]), getattr(robot, name) / size
+    limit = abs(change) > judgement.EDIT_AT_BOUND * WIDEST
+    said = _refitted(name, given, given * float(np.exp(change)), unit, limit)
+    return said if abs(change) > judgement.EDIT_USUAL[MODULUS] else []
 
 
 def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:

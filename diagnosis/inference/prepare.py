@@ -21,7 +21,7 @@ from model.robot import Robot
 from recordings.trials import TIP, marker_columns
 
 from ..arrays import Array, Mask, scattered
-from ..data.campaign import Campaign, Labels, kinds_of, places
+from ..data.campaign import Campaign, Labels, places
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
@@ -150,9 +150,7 @@ def prepare(
     kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
         raise BadCase("the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor")
-    row, channel = forward.observations.row[kept], forward.observations.channel[kept].astype(np.str_)
-    axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
-    labels = Labels(row, channel, kinds_of(channel), axis)
+    labels = Labels(forward.observations.row[kept], forward.observations.channel[kept].astype(np.str_))
     made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
     slope = slope.rows(kept)

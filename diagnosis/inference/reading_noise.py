@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.condition import TIP, States
 from model.effects.forward import ForwardModel
@@ -21,7 +20,7 @@ from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
 
 from ..arrays import Array, Ints, Mask, rows_by, scattered
-from ..data.campaign import Campaign, Labels, kinds_of
+from ..data.campaign import Campaign, Labels
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
@@ -30,6 +29,7 @@ from .jacobian import Columns
 from .problem import FitParameters
 
 KINDS = ("tip", "turn", "marker", "force")
+"""By `Labels.kind`."""
 VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 LONGEST_BLOCK = 40
@@ -116,7 +116,7 @@ def stiffness_trials(
 def noise_of(states: Campaign, labels: Labels, noise: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
     """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
     state = labels.state
-    made = _of_channels(noise, state, labels.kind, labels.channel, _blocks(states)[state], states.time[state], response)
+    made = _of_channels(noise, labels, _blocks(states)[state], states.time[state], response)
     white, by_pressure = made.sd * np.where(resting(states), noise.rest, 1.0)[state], made.pressure_response
     if pushes is not None:
         own = labels.kind == 3
@@ -132,26 +132,24 @@ def noise_to_come(noise: NoiseComponents, observed: Observations, design: States
 
     `response` (n, r): of each value to the pressure readings of r regulators, per Pa.
     """
-    row, channel = observed.row, observed.channel.astype(np.str_)
-    block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
-    return _of_channels(noise, row, kinds_of(channel), channel, block, design.t[row], response)
+    labels = Labels(observed.row, observed.channel.astype(np.str_))
+    block = blocks(design.trial, design.t, LONGEST_BLOCK)[labels.state]
+    return _of_channels(noise, labels, block, design.t[labels.state], response)
 
 
-def _of_channels(
-    noise: NoiseComponents, state: Ints, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array, response: Array
-) -> Noise:
-    """Noise of values (n,) of states that are all read alike; `kind` (n,): index in `KINDS`, `response` (n, r) as it is given."""
+def _of_channels(noise: NoiseComponents, labels: Labels, block: Ints, time: Array, response: Array) -> Noise:
+    """Noise of values (n,) of states that are all read alike; `response` (n, r) as it is given."""
 
     def of_kind(by_name: Mapping[str, float], default: float) -> Array:
-        return np.array([by_name.get(k, default) for k in KINDS])[kind]
+        return np.array([by_name.get(k, default) for k in KINDS])[labels.kind]
 
-    sd, ones, lasting = of_kind(noise.channel, 1.0), np.ones(len(kind)), Lasting.none(len(kind))
+    sd, ones, lasting = of_kind(noise.channel, 1.0), np.ones(len(block)), Lasting.none(len(block))
     share = np.where(block < 0, 0.0, of_kind(noise.lasting, 0.0))
     if noise.lasting:
         lasting_sd = of_kind(noise.channel, 0.0) * np.sqrt(share)
-        number = np.unique(channel, return_inverse=True)[1]
+        number = np.unique(labels.channel, return_inverse=True)[1]
         lasting = Lasting(block, time, number, lasting_sd, noise.lasting[PRESSURE] * ones, noise.memory * ones)
-    return Noise(state, sd * np.sqrt(1 - share), noise.pressure * response, lasting)
+    return Noise(labels.state, sd * np.sqrt(1 - share), noise.pressure * response, lasting)
 
 
 def _blocks(states: Campaign) -> Ints:
