@@ -6,7 +6,7 @@ effect, and those are weighed: one effect changed, two, none, or something outsi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ from .inference.evidence import NONE
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from .inference.prepare import Prepared, parts, prepare, table_columns
-from .inference.problem import FitParameters, Problem
+from .inference.problem import FitForward, FitParameters, Problem
 from .judgement import BENCHMARK, LEAST_NAMED_SIZE, UNCHANGED
 
 ANOTHER_DAY = {"tilt": "base_tilt", "frame_turn": "frame_misalignment", "frame_shift": "", "youngs_modulus": "body_modulus"}
@@ -123,21 +123,20 @@ class _JointForward:
         sd = np.concatenate([reference.sd, later.sd[later_only], later.sd[changed]])
         self.parameters = FitParameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least_sizes), changes=True)
 
-    def _split(self, theta: Array) -> tuple[Array, Array]:
-        """Parameters of the reference and of the later campaign, each within its campaign's bounds, from theta."""
+    def _split(self, theta: Array) -> Iterable[tuple[FitForward, Array]]:
+        """The model and the parameters of the reference and of the later campaign, each within its campaign's bounds."""
         reference, later = (p.parameters for p in self._parts)
         second = np.bincount(self._later[self._later >= 0], theta[self._later >= 0], len(later.names))
-        return np.clip(theta[: len(reference.names)], reference.lower, reference.upper), np.clip(second, later.lower, later.upper)
+        first = np.clip(theta[: len(reference.names)], reference.lower, reference.upper)
+        return zip(self._forwards, (first, np.clip(second, later.lower, later.upper)), strict=True)
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """Both campaigns' values (n,), reference first."""
-        return np.concatenate([f.predict(t, trial, whole) for f, t in zip(self._forwards, self._split(theta), strict=True)])
+        return np.concatenate([forward.predict(own, trial, whole) for forward, own in self._split(theta)])
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Both campaigns' values (n,), reference first, and their derivatives by theta (n, k), or by those `columns` of it."""
-        (y_first, of_first), (y_second, of_second) = (
-            forward.linearise(t) for forward, t in zip(self._forwards, self._split(theta), strict=True)
-        )
+        (y_first, of_first), (y_second, of_second) = (forward.linearise(own) for forward, own in self._split(theta))
         of_first = np.pad(of_first, ((0, 0), (0, len(theta) - of_first.shape[1])))
         slope = np.vstack([of_first, np.where(self._later < 0, 0.0, of_second[:, self._later])])
         return np.concatenate([y_first, y_second]), slope if columns is None else slope[:, list(columns)]
@@ -145,5 +144,5 @@ class _JointForward:
     def near(self, theta: Array) -> _JointForward:
         """The same, made quicker close to parameters (k,)."""
         other = copy(self)
-        other._forwards = tuple(f.near(t) for f, t in zip(self._forwards, self._split(theta), strict=True))
+        other._forwards = tuple(forward.near(own) for forward, own in self._split(theta))
         return other

@@ -21,7 +21,6 @@ from .. import judgement
 from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
-from ..judgement import ALIKE_SHARE, BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
 from .result import Value
 
 
@@ -57,19 +56,19 @@ class Size:
     @property
     def certain(self) -> bool:
         """Whether it differs from zero by more than its error."""
-        return self.determined and abs(self.mean) > SIZE_CERTAIN_SD * self.sd
+        return self.determined and abs(self.mean) > judgement.SIZE_CERTAIN_SD * self.sd
 
     @property
     def impossible(self) -> bool:
         """The data ask for a size well beyond the bounds; those of a shape are no physics, but the textbooks'."""
-        return self.role == "size" and not self.low - BOUND_SD * self.sd <= self.mean <= self.high + BOUND_SD * self.sd
+        return self.role == "size" and max(self.low - self.mean, self.mean - self.high) > judgement.BOUND_SD * self.sd
 
 
 def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
     """The parameters of the effects that a hypothesis names; none for no effect."""
     parameters = p.problem.parameters
-    mean, sd = c.weighed.averaged_mean * parameters.scale, SIZE_SD_FACTOR * c.weighed.averaged_sd * parameters.scale
-    seen = c.weighed.averaged_sd < UNDETERMINED_SHARE
+    mean, sd = c.weighed.averaged_mean * parameters.scale, judgement.SIZE_SD_FACTOR * c.weighed.averaged_sd * parameters.scale
+    seen = c.weighed.averaged_sd < judgement.UNDETERMINED_SHARE
     of_effects, out = (info for info in parameters.infos if info.group == "effect"), list[Size]()
     for info, m, s, determined in zip(of_effects, mean.tolist(), sd.tolist(), seen.tolist(), strict=True):
         if info.source in c.named:
@@ -83,7 +82,7 @@ def as_fitted(s: Size, v: Value) -> Size:
     """A size with the value and standard deviation of the robot that was fitted with the effects."""
     low90, high90 = (cut_quantile(v.value, v.sd, s.low, s.high, q) for q in (0.05, 0.95))
     low90, high90 = min(low90, v.value), max(high90, v.value)  # a value at its bound is no quantile
-    pushed = s.impossible and min(v.value - s.low, s.high - v.value) <= BOUND_SD * v.sd  # to its bound, by the data
+    pushed = s.impossible and min(v.value - s.low, s.high - v.value) <= judgement.BOUND_SD * v.sd  # to its bound, by the data
     mean, determined = s.mean if pushed else v.value, s.determined and v.determined
     return replace(s, median=v.value, mean=mean, sd=v.sd, low90=low90, high90=high90, determined=determined)
 
@@ -123,7 +122,7 @@ class ByActuator:
         others = (factor.sum() - factor) / (len(factor) - 1)
         away = factor / others - 1
         odd = int(np.argmax(np.abs(away)))
-        alike = np.ptp(np.delete(factor, odd)) < ALIKE_SHARE * abs(factor[odd] - others[odd])
+        alike = np.ptp(np.delete(factor, odd)) < judgement.ALIKE_SHARE * abs(factor[odd] - others[odd])
         of, by = "the others", away[odd]
         if not alike:  # the two that differ most
             odd, strongest = int(factor.argmin()), int(factor.argmax())

@@ -128,8 +128,7 @@ def waterfall(f: Attribution, parts: CrossValidation, how: str, before: Array, a
         tolerant = after if tolerant_is_known else next(in_order)
         # the size that predicts best; none where a smooth function predicts worse than no function
         with_smooth = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
-        by_causes = {frozenset[str](): before}
-        by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
+        by_causes = {frozenset[str](): before} | {frozenset(subset): next(in_order) for subset in subsets}
         return _steps(p, named, by_causes, (tolerant, with_smooth), how)
 
     return finish

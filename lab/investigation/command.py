@@ -47,7 +47,6 @@ from ..options import (
     rig,
 )
 from ..pages import diagnosis_report
-from ..pages.diagnosis_report import hypothesis
 from ..pages.figures import GREY, colours, drawing
 from ..pages.report import PageSection, Report
 from ..plain import typed
@@ -105,9 +104,9 @@ def _plain(effects: Sequence[str], story: Investigation) -> str:
 def _rounds(story: Investigation) -> list[list[str]]:
     out, after, gained = [], "the campaign", ""
     for r in story.rounds:
-        a = r.diagnosis.attribute
-        first = a.ranking[0]
-        out.append([after, f"{r.minutes:g}", hypothesis(first.effects, story.answer), f"{first.probability:.2f}", gained])
+        first = r.diagnosis.attribute.ranking[0]
+        named = hypothesis_name(first.effects, story.answer.names)
+        out.append([after, f"{r.minutes:g}", named, f"{first.probability:.2f}", gained])
         if r.predicted is not None:
             after, gained = r.predicted.proposal.do, f"{r.bits:.2f}"
     return out
@@ -134,7 +133,7 @@ def _experiment(section: PageSection, r: Round) -> None:
 def _judged(j: Tested, r: Round) -> list[str]:
     before = next((x.probability for x in r.diagnosis.attribute.ranking if x.effects == j.effects), 0.0)
     chance = f"{j.p_value:.2g}{' (failed)' if j.failed else ''}"
-    return [hypothesis(j.effects, r.diagnosis), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits:z.1f}"]
+    return [hypothesis_name(j.effects, r.diagnosis.names), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits:z.1f}"]
 
 
 def _drawn(story: Investigation, path: Path) -> Path:

@@ -57,9 +57,9 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
         _which(report.section("Evidence: which cause"), d, folder)
         if d.holdout is not None:
             _held_out(report.section("Evidence: a campaign that was not fitted"), d.holdout, sentences.held_out(d), spine)
-        if d.change is not None:
-            rows = [[hypothesis(effects, d) if effects else "nothing", stated(p)] for effects, p in d.change.ranking[:6]]
-            section = report.section("What changed since the reference").text(d.change.statement)
+        if (change := d.change) is not None:
+            rows = [[hypothesis_name(effects, d.names) if effects else "nothing", stated(p)] for effects, p in change.ranking[:6]]
+            section = report.section("What changed since the reference").text(change.statement)
             section.table(("changed", "probability"), rows)
         if against := d.texts("warning", "note"):
             report.section("What speaks against the answer").text(*(line[:1].upper() + line[1:] for line in against))
@@ -78,11 +78,6 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
             own.figure(apart(draw_sensors(table, d.words), folder / "sensors.svg"), how)
             own.table(*sensor_numbers(table))
         return report.write(path)
-
-
-def hypothesis(effects: Sequence[str], d: Diagnosis) -> str:
-    """A hypothesis by the plain names and identifiers of its effects."""
-    return hypothesis_name(effects, d.names)
 
 
 def origin(robot: str, inputs: Sequence[Path]) -> str:
@@ -178,7 +173,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         ends = d.shrink.ci95
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
-        explanation = hypothesis(best, d) if best else "tolerances alone"
+        explanation = hypothesis_name(best, d.names) if best else "tolerances alone"
         itself = sentences.by_itself(sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None)
         share = "Share of the reducible gap left by calibration (as mean squares above the noise floor) closed on unseen states"
         s.text(f"{share} with {explanation}: {closed}{interval}{itself}.")
@@ -279,7 +274,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         ]
         s.table(("effect", d.words.fill("moves the tip beyond {an_area_factor} by, mm rms"), "95 %", ""), rows)
     rows = [
-        [hypothesis(r.effects, d), stated(r.probability, r.limited), f"{r.log_evidence:.1f}".replace("nan", ""),
+        [hypothesis_name(r.effects, d.names), stated(r.probability, r.limited), f"{r.log_evidence:.1f}".replace("nan", ""),
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
@@ -378,7 +373,7 @@ def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
     shown = d.next_experiment[:FIRST]
     if not any(p.separates for p in shown):
         s.text(f"{_rivals(d)} Each experiment tests the answer in new states.")
-    by_rig, named = d.words.by_rig, lambda one: hypothesis([] if one == "none" else one.split(" + "), d)
+    by_rig, named = d.words.by_rig, lambda one: hypothesis_name([] if one == "none" else one.split(" + "), d.names)
     if protocols is None:
         s.text(f"With the option --protocols next, lab diagnose writes these {'protocols' if by_rig else 'states'} to files.")
     rows = [
@@ -395,5 +390,5 @@ def _rivals(d: Diagnosis) -> str:
     others = [r for r in d.attribute.ranking if r.effects != named and r.probability > RIVAL_WORTH_SEPARATING]
     if not others:
         return "No other hypothesis is probable."
-    rivals = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
+    rivals = ", ".join(f"{hypothesis_name(r.effects, d.names)} (p = {r.probability:.2f})" for r in others[:3])
     return f"Also possible: {rivals}. None of these experiments is expected to decide between them by itself."
