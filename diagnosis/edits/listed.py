@@ -105,15 +105,15 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
     found = (sense * given + (1 - sense) * given[0] + whole) % 360
-    short, said = words.fill("azimuths of the {actuators}"), turned(robot, whole)
     if sense < 0:
         if pair := swapped(found, given):
             return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
-        short = words.fill("{actuators} counted the other way round")
+        how = short = words.fill("{actuators} counted the other way round")
         found = -given if (apart(found, -given) < SAME).all() else found  # as stated, in the other sense
-        said = {"how": short, "line": listed(found)}
-    mistaken = [mistake("azimuths_elsewhere", short, given=given[0], found=found[0], **said)]
-    return mistaken if sense < 0 or _beyond(theta, AZIMUTH) else []
+    else:
+        short, (how, found) = words.fill("azimuths of the {actuators}"), turned(robot, whole)
+    said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
+    return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
 
 
 def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0, markers: Array | float = 0.0) -> Variants:

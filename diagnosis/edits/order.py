@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -79,18 +78,19 @@ def reordered(robot: Robot, place: int, p: float, rather: str) -> Finding:
         return finding("actuators_exchanged", words, first=pair[0], second=pair[1], p=p, rather=rather)
     turns = given[np.argsort(order)] - given  # by which each acts from where it is stated
     if (apart(turns, turns[0]) < SAME).all():
-        return finding("azimuths_elsewhere", words, **turned(robot, float(turns[0] + 180.0) % 360 - 180.0), p=p, rather=rather)
+        how, found = turned(robot, float(turns[0] + 180.0) % 360 - 180.0)
+        return finding("azimuths_elsewhere", words, how=how, line=listed(found), p=p, rather=rather)
     return finding("reordered", words, count=len(order), order=_counted(order), p=p, rather=rather)
 
 
-def turned(robot: Robot, turn: float) -> dict[str, Any]:
-    """What to say of actuators that all act `turn` (deg) from where they are stated, and which order looks the same."""
+def turned(robot: Robot, turn: float) -> tuple[str, Array]:
+    """What to say of actuators that all act `turn` (deg) from where they are stated, and where they do (deg)."""
     given, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
     whence, place = ", counted from the opposite direction" * (abs(turn) == 180.0), place_of(robot, (given + turn).tolist())
     if place is not None:
         moved_on = f", or {{actuators}} 1 to {len(given)} receive the {{pressures}} of {_counted(orders(given.tolist())[place])}"
         whence += words.fill(moved_on)
-    return {"how": f"all azimuths are {abs(turn):.0f} deg off{whence}", "line": listed((given + turn) % 360)}
+    return f"all azimuths are {abs(turn):.0f} deg off{whence}", (given + turn) % 360
 
 
 def _counted(order: Sequence[int]) -> str:
