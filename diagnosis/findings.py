@@ -205,9 +205,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "all azimuths are {turn:.0f} deg off{whence} (p = {p:.2f}): write `{name}: {line}` in robot.yaml{rather}"
         ),
         "counted_other_way": (
-            "{actuators} counted the other way round (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}"
+            "{actuators} counted the other way round{whence} (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}"
         ),
-        "reordered": "{actuators} 1 to {count} receive the {pressures} of {order} (p = {p:.2f}): connect them in order{rather}",
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),

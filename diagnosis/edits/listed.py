@@ -27,7 +27,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, swapped, turned
+from .order import SAME, apart, looks_like, swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -108,8 +108,9 @@ def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given, turn, words = np.array(robot.actuators.azimuths_deg), float(np.degrees(theta[AZIMUTH])), robot.actuators.words
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
-    short, found = words.fill("azimuths of the {actuators}"), given[0] + turn
-    said = mistake("azimuths_turned", short, given=given[0], found=found, **turned(robot, whole))
+    from_where = ", counted from the opposite direction" * (abs(whole) == 180.0) + looks_like(robot, given + whole)
+    said = mistake("azimuths_turned", words.fill("azimuths of the {actuators}"), name="azimuths_deg", turn=abs(whole),
+                   given=given[0], found=given[0] + turn, whence=from_where, line=listed((given + whole) % 360))  # fmt: skip
     return [said] if _beyond(theta, AZIMUTH) else []
 
 
@@ -119,7 +120,8 @@ def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     if pair := swapped(found, azimuths):
         return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
     line = listed(-azimuths if (apart(found, -azimuths) < SAME).all() else found.round())  # as stated, in the other sense
-    return [mistake("counted_other_way", words.fill("{actuators} counted the other way round"), line=line)]
+    short, whence = words.fill("{actuators} counted the other way round"), looks_like(robot, found)
+    return [mistake("counted_other_way", short, whence=whence, line=line)]
 
 
 def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0, markers: Array | float = 0.0) -> Variants:
