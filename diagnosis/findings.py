@@ -199,7 +199,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "its map, or their azimuths_deg in robot.yaml{rather}"
         ),
         "azimuths_elsewhere": "{how} (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}",
-        "reordered": "{actuators} 1 to {count} receive the {pressures} of {order} (p = {p:.2f}): connect them in order{rather}",
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),

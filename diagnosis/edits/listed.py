@@ -27,7 +27,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, swapped, turned
+from .order import SAME, apart, looks_like, swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -111,7 +111,9 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
         how = short = words.fill("{actuators} counted the other way round")
         found = -given if (apart(found, -given) < SAME).all() else found  # as stated, in the other sense
     else:
-        short, (how, found) = words.fill("azimuths of the {actuators}"), turned(robot, whole)
+        from_where = ", counted from the opposite direction" * (abs(whole) == 180.0)
+        how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
+    how += looks_like(robot, found)
     said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
     return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
 

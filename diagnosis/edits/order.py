@@ -13,8 +13,6 @@ from model.stated import Stated
 
 from ..arrays import Array
 from ..data.campaign import Campaign
-from ..findings import Finding, finding
-from ..remedies import listed
 
 ORDER = "chamber_order"
 """The effect that swaps chambers."""
@@ -70,29 +68,10 @@ def with_order(robot: Robot, place: int) -> Robot:
     return robot.model_copy(update={"effects": {**robot.effects, ORDER: stated}})
 
 
-def reordered(robot: Robot, place: int, p: float, rather: str) -> Finding:
-    """The order that the chambers have, its probability, and what else it may be."""
-    given, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
-    order = orders(given.tolist())[place]
-    if pair := swapped(given[order], given):
-        return finding("actuators_exchanged", words, first=pair[0], second=pair[1], p=p, rather=rather)
-    turns = given[np.argsort(order)] - given  # by which each acts from where it is stated
-    if (apart(turns, turns[0]) < SAME).all():
-        how, found = turned(robot, float(turns[0] + 180.0) % 360 - 180.0)
-        return finding("azimuths_elsewhere", words, how=how, line=listed(found), p=p, rather=rather)
-    return finding("reordered", words, count=len(order), order=_counted(order), p=p, rather=rather)
-
-
-def turned(robot: Robot, turn: float) -> tuple[str, Array]:
-    """What to say of actuators that all act `turn` (deg) from where they are stated, and where they do (deg)."""
-    given, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
-    whence, place = ", counted from the opposite direction" * (abs(turn) == 180.0), place_of(robot, (given + turn).tolist())
-    if place is not None:
-        moved_on = f", or {{actuators}} 1 to {len(given)} receive the {{pressures}} of {_counted(orders(given.tolist())[place])}"
-        whence += words.fill(moved_on)
-    return f"all azimuths are {abs(turn):.0f} deg off{whence}", (given + turn) % 360
-
-
-def _counted(order: Sequence[int]) -> str:
-    """Numbers of actuators, from 1."""
-    return " ".join(str(k + 1) for k in order)
+def looks_like(robot: Robot, azimuths_deg: Array) -> str:
+    """Say which order that the effect knows makes the actuators act at these azimuths, too; empty if none does."""
+    if (place := place_of(robot, azimuths_deg.tolist())) is None:
+        return ""
+    order = " ".join(str(k + 1) for k in orders(robot.actuators.azimuths_deg)[place])
+    count = len(azimuths_deg)
+    return robot.actuators.words.fill(f", or {{actuators}} 1 to {count} receive the {{pressures}} of {order}")

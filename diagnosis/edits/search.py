@@ -28,7 +28,7 @@ from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants, times
 from .listed import every_edit, of_attitudes
 from .misfit import Fit, Sample, as_described, sample_of
 from .of_table import of_table
-from .order import ORDER, place_of, reordered, with_order
+from .order import ORDER, place_of, with_order
 
 STILL = Edit("still", 0.1, apply=times(0.0, "pressure", "gravity", "mass", "force", "moment"), left=True)
 """A rod that nothing moves: an edit that does no better, as it stiffens all motion away, is no mistake that can be named."""
@@ -232,7 +232,7 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     changes: list[Finding] = []
     for edit, own in mistakes(robot, fit):
         if place is not None and edit.kind == "order":
-            changes.insert(0, reordered(robot, place, found.probability("order"), found.rather(edit, own, fit)))
+            changes[:0] = found.said(edit, own, fit)
         else:
             made = edit.apply(made, own[None])
             changes += found.said(edit, own, fit)

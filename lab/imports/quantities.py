@@ -29,10 +29,10 @@ from .headings import chamber, heading, tendon
 from .places import turn_misfit
 from .series import CALL, FRAME, Series, axes_of, listed, name_of, numbers, texts, unit_in, unseen
 
-OF_ANGLES: tuple[Order, ...] = ("euler xyz", "euler XYZ", "rotation vector")
-"""Orders in which a file may mean three columns for x, y and z."""
-ORDERS: Mapping[int, tuple[Order, ...]] = {3: (*OF_ANGLES, "euler zyx", "euler ZYX"), 4: ("wxyz", "xyzw")}
-"""Number of columns -> all orders that they may have."""
+ORDERS: Mapping[int, tuple[Order, ...]] = {
+    3: ("euler xyz", "euler XYZ", "rotation vector", "euler zyx", "euler ZYX"), 4: ("wxyz", "xyzw"),
+}  # fmt: skip
+"""Number of columns -> orders that they may have."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
 FURTHER = re.compile("sensor_|sd_|tip_moment_")
@@ -328,16 +328,14 @@ def orientation_columns(turn: scipy.spatial.transform.Rotation, there: Mask) -> 
     return dict(zip(ORIENTATION, values.T, strict=True))
 
 
-def misfits(
-    series: Series, given: Orientation, frame: Array, tip: Array, resting: Mask, orders: Sequence[Order] = OF_ANGLES
-) -> dict[Order, float]:
+def misfits(series: Series, given: Orientation, frame: Array, tip: Array, resting: Mask) -> dict[Order, float]:
     """Order of the columns -> deg (rms) by which the tip, (n, 3) m, then turns about another axis than the one across its
     displacement; empty where it hardly turns.
 
     A body that bends turns about no other axis; a wrong order adds turns about its own."""
     misfit_of = dict[Order, float]()
     onto = scipy.spatial.transform.Rotation.from_matrix(frame)
-    for order in orders:
+    for order in ORDERS[len(given.columns)]:
         turn, stated_rows = stated(series, given.model_copy(update={"order": order}))
         kept = stated_rows & np.isfinite(tip).all(axis=1)
         if (kept & resting).any() and (off := turn_misfit(tip[kept], onto * turn[kept] * onto.inv(), resting[kept])) is not None:
@@ -353,7 +351,7 @@ def clearly_worse(off: float, other: float) -> bool:
 def _better_order(series: Series, wanted: Map, frame: Array, tip: Array, resting: Mask) -> str:
     """Say which order of the orientation's columns fits the bending of the tip, (n, 3) m, clearly better; empty if none does."""
     given = wanted.orientation
-    off_by = misfits(series, given, frame, tip, resting, ORDERS[len(given.columns)]) if given is not None else {}
+    off_by = misfits(series, given, frame, tip, resting) if given is not None else {}
     if given is None or given.order not in off_by:
         return ""
     best = min(off_by, key=lambda order: off_by[order])
