@@ -215,7 +215,8 @@ def axes_of(series: Series, marker: str, place: str) -> list[str]:
     if len(columns) != 3:
         raise ConfigError(
             f"{series.path}: {place} = {marker[:80]!r}: has no columns x, y and z; there are "
-            f"{_nearest_first(f'{marker}.x', series.names, 6)}; name its three columns in two brackets, `of: [[x, y, z]]`"
+            f"{_nearest_first(f'{marker}.x', series.names, 6)}; name its three columns, as in "
+            f"[[{', '.join(f'{marker[:40]}_{axis}' if marker not in series.names else axis for axis in 'xyz')}]]"
         )
     return columns
 
