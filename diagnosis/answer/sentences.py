@@ -134,9 +134,10 @@ def _gap(d: Diagnosis) -> str:
     no_better = d.attribute.conclusion != "noise" and calibrated >= w.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
-    moved = () if d.calibration is None or d.fitted is not None else d.calibration.set_up
+    # without a cause all of it; beside one, which it may stand in for, what is beyond its tolerances
+    moved = () if d.calibration is None else d.calibration.set_up if d.fitted is None else _beyond(d.calibration.set_up)
     each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in moved]
-    set_up = f" ({'; '.join(each)}: measure again)" if each else ""
+    set_up = f" ({'; '.join(each)}{': measure again' * (d.fitted is None)})" if each else ""
     return (
         f"Uncalibrated, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
         f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{set_up}, by "
@@ -146,8 +147,11 @@ def _gap(d: Diagnosis) -> str:
 
 def within(d: Diagnosis) -> str:
     """Whether calibration leaves the set-up within its tolerances, or moves any of it far beyond."""
-    moved = () if d.calibration is None else d.calibration.set_up
-    return "beyond" if any(s.value > judgement.TENSE_SD * s.sd for s in moved) else "within"
+    return "beyond" if d.calibration is not None and _beyond(d.calibration.set_up) else "within"
+
+
+def _beyond(set_up: Sequence[SetUp]) -> list[SetUp]:
+    return [s for s in set_up if s.value > judgement.TENSE_SD * s.sd]
 
 
 def _by(s: SetUp, what: str, value: float) -> str:

@@ -139,6 +139,9 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("tilt.x", 0.009, 0.0035, "rad", 2),)))
     assert "(tilt.x 0.52 deg, stated to 0.2 deg, moves the tip by 2.00 mm: measure again)" in statement(found)
     assert changed_by(found) == "tilt.x 0.52 deg, a body 9 % stiffer"
+    heavy = replace(found.calibration, set_up=(SetUp("density", 0.066, 0.015, "1", 3.27), *found.calibration.set_up))
+    beside = statement(replace(found, calibration=heavy, fitted=FittedRobot(("base_tilt",), {}, 0.4, 3.0)))
+    assert "set-up beyond its tolerances (density 6.6 %, stated to 1.5 %, moves the tip by 3.27 mm), by" in beside
     only = statement(replace(found, calibration=replace(found.calibration, modulus=1.0)))
     assert only.startswith("Calibration closes 100 %") and "may stand for" not in only
     far = statement(replace(found, calibration=Calibration(13.5, 1.5, 0.8, at_bound=True)))
