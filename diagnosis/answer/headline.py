@@ -175,6 +175,8 @@ def headline(
         may_be = relative(a.relatives[0], a.at_places, d.words)[0] if a.relatives else may_be
         places = [f"; it may be {one}".replace("_", " ") for one in may_be] or [""]
         return _short_enough(*(f"No known cause fits {p}{place}." for place in places))
+    if by_calibration is not None and "beyond_tolerance" in found:
+        return _short_enough(*(f"{closes}{gap} beyond tolerances{changed} {p}." for gap in (" of the gap, but", ", but")))
     if by_calibration is not None:
         return _short_enough(f"{calibration_closes}; {other}.", *(f"{closes}{of}{changed} {p}." for of in (" of the gap", "")))
     if a.conclusion == "noise":
