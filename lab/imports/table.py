@@ -214,7 +214,7 @@ def conclude(
         origin = float(q.t[0]) if not number and absolute else origin
         q = q.with_columns({"t": q.t - (origin if absolute else 0.0)})
         if wanted.straight == "first row":
-            q = _straightened(q, straight, wanted.sensor, robot)
+            q = replace(q, table=_mounted(q.table, robot, wanted.straight, wanted.sensor))
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = q.with_columns({"t": q.t - q.t[0] + start + BETWEEN_RUNS})
         trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
@@ -415,24 +415,16 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], robot: Robot) -> FileRows:
-    """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
-    tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
-    oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
-    places, shift = robot.marker_places(np.radians(q.table.get("roll_deg", 0.0)[0])), np.zeros_like(markers[0])
-    known = min(len(places), markers.shape[1])
-    shift[:known] = np.nan_to_num(places[:known] - markers[0, :known])
-    placed = _placed(oriented, tip - tip[0] + np.array(sensor) + straight, markers + shift)
-    return replace(q, table=_levered(placed, np.array(sensor)))
-
-
-def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
-    """States moved so that those with the lowest pressures (the first, or the mean of all) are where the robot then stands."""
+def _mounted(
+    table: Table, robot: Robot, straight: Literal["first row", "first state", "at rest"], sensor: Sequence[float]
+) -> Table:
+    """States moved so that those with the lowest pressures (the first, or the mean of all) or the first row are where the robot
+    then stands; a marker not seen there stays where it is."""
     level = np.round(np.abs(table.pressures).max(axis=1) / REST)
     resting = np.flatnonzero(level == level.min())
     turns, turned = _turns(table)
-    if straight == "first state":
-        resting = resting[:1]
+    if straight != "at rest":
+        resting = np.arange(1) if straight == "first row" else resting[:1]
         tip, turn = _straight_point(robot)[None], turns[:0].identity(1)
         places = robot.marker_places(np.radians(table.get("roll_deg", 0.0)[resting]))
     else:
