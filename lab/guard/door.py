@@ -341,13 +341,8 @@ class Landed:
         """All steps."""
         return SafeReport(tuple(step for _, answer in self.answered for step in answer.report.steps))
 
-    @property
-    def names(self) -> frozenset[str]:
-        """All names owned by those that answered."""
-        return frozenset().union(*(owner.names for owner, _ in self.answered))
-
     def names_for(self, rig: Path) -> frozenset[str]:
-        """The same of those that are trusted about this rig."""
+        """All names owned by those that answered and are trusted about this rig."""
         accounts = believed_accounts(rig)
         return frozenset().union(*(owner.names for owner, _ in self.answered if owner.uid in accounts))
 

@@ -42,7 +42,7 @@ def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str
         held = str(e)
     except RigLocked as e:
         landed = door.land(owned_names(file), file.path)
-        if landed.names:
+        if landed.answered:
             return landed.report
         held = str(e)
     try:

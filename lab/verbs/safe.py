@@ -39,7 +39,7 @@ class RigLanding:
         """Have the guards that own these names land their rigs; kill a guard that does not answer, if permitted."""
         landed = land(names, rig)
         self.steps += landed.report.steps
-        self.names |= landed.names
+        self.names |= landed.names_for(rig)
         self.locked = self.locked or "; ".join(answer.locked for _, answer in landed.answered if answer.locked)
         self.notes += _ended(landed)
 
