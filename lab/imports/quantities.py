@@ -145,9 +145,8 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     `drive`: the words of what drives the robot. Raises ConfigError naming the column that is missing."""
     file, constants = File(series, drive), quantities(wanted.constants, drive)
     notes = file.notes
-    values = {n: in_si(file, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
     constant = {n: np.full(len(series), constants.pop(n)) for n in [*constants] if re.fullmatch(r"(m\d+)?[xyz]", n)}
-    values = constant | values
+    values = constant | {n: in_si(file, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
     words = {n: translated(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
