@@ -272,17 +272,16 @@ class Robot(Shown, FileTable):
         most = max(map(abs, actuators.azimuths_deg))
         if most <= 2 * math.pi and most != round(most):
             problems.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
-        beyond = [s for s in actuators.ends if s > self.length * (1 + 1e-9)]
-        problems += [f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond]
-        arcs = self.marker_places()[:, 2].tolist()
-        problems += [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in arcs if s > self.length]
-        tables: dict[str, Mapping[float, float]] = {"spine.modulus": self.spine.modulus if self.spine else {}}
-        if isinstance(self.area_factor, dict):
-            tables["area_factor"] = self.area_factor
-            if not self.area_factor:
-                problems.append("area_factor: the table is empty, give a number or at least one spine length")
-        for field, table in tables.items():
-            problems += [f"{field}: spine length {s:g} m is beyond length {self.length:g} m" for s in table if s > self.length]
+        if self.area_factor == {}:
+            problems.append("area_factor: the table is empty, give a number or at least one spine length")
+        along = {
+            f"{kind}.ends:": actuators.ends,
+            "markers: arc length": self.marker_places()[:, 2].tolist(),
+            "spine.modulus: spine length": self.spine.modulus if self.spine else (),
+            "area_factor: spine length": self.area_factor if isinstance(self.area_factor, dict) else (),
+        }
+        for field, places in along.items():
+            problems += [f"{field} {s:g} m is beyond length {self.length:g} m" for s in places if s > self.length * (1 + 1e-9)]
         return problems
 
     def area_factor_at(self, spine_length: ArrayLike) -> Array:

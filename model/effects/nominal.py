@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -67,7 +66,7 @@ def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterab
                 yield f"{place} = {stated.value:g}{unit}: must be within {p.low:g} and {p.high:g}{unit}"
 
 
-def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})) -> dict[str, tuple[Law, Values]]:
+def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec]) -> dict[str, tuple[Law, Values]]:
     """Laws and values (1, 1) of the robot's effects that are not in `catalogue`, by id; raises as `stated_effects`."""
     return {
         id: (spec.law, values_of(robot.causes[id], spec))

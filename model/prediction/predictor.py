@@ -256,8 +256,6 @@ def _without(forward: ForwardModel, id: str) -> Array:
 
 
 def _joined(parts: Sequence[Prediction], order: Order) -> Prediction:
-    if len(parts) == 1:
-        return parts[0]
     back = np.argsort(order)
     columns = {f.name: [getattr(p, f.name) for p in parts] for f in fields(Prediction)}
     joined: Any = {name: None if values[0] is None else np.concatenate(values)[back] for name, values in columns.items()}
