@@ -258,7 +258,7 @@ def test_the_word_of_another_account_is_not_believed_and_it_is_not_ended(kind: s
     rig = tmp_path / "rig.yaml"
     with stranger(kind, ["a"]) as process:
         found = land(["a"], rig)
-        assert (found.answered, found.silent, found.names) == ([], [], frozenset())
+        assert (found.answered, found.silent, found.names_for(rig)) == ([], [], frozenset())
         (owner,) = found.doubtful
         assert (owner.pid, owner.uid) == (process.pid, 65534) and "are believed" in str(owner)
         raises(RigLocked, f"process {process.pid} of user nobody", Door(["a"], Lander(), str(rig)).open)
@@ -271,10 +271,10 @@ def test_the_owner_of_the_folder_is_believed_about_its_own_rig_alone(tmp_path: P
     theirs.mkdir()
     os.chown(theirs, 65534, 65534)
     with stranger('["a", "b"]', ["a"]):
-        assert land(["a"], theirs / "rig.yaml").names == {"a", "b"}
-        assert land(["a"], tmp_path / "rig.yaml").names == frozenset()
-        live = land()
-        assert live.names_for(tmp_path / "rig.yaml") == frozenset()
+        rig, own = theirs / "rig.yaml", tmp_path / "rig.yaml"
+        assert land(["a"], rig).names_for(rig) == {"a", "b"}
+        assert land(["a"], own).names_for(own) == frozenset()
+        assert land().names_for(own) == frozenset()
 
 
 # ------------------------------------------------------------------ a run that is going
