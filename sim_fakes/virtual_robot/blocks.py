@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,12 @@ def forget_stale_cache(folder: Path) -> None:
     """Delete the cache indices in `folder` that are older than any of its sources: Numba watches a function's own file only."""
     newest = max(source.stat().st_mtime for source in folder.glob("*.py"))
     for index in (folder / "__pycache__").glob("*.nbi"):
-        if index.stat().st_mtime < newest:
-            index.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # another process has deleted it
+            if index.stat().st_mtime < newest:
+                index.unlink()
 
 
 forget_stale_cache(Path(__file__).parent)
-
 
 Array = NDArray[np.float64]
 
