@@ -154,8 +154,8 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); no effect closes the rest."
     said = line(a, by_calibration=0.99, closed=0.7, calibrated="a body 86 % softer", alone=True)
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); the rest has no clear cause."
-    tense = (finding("beyond_tolerance", fit="the fit", numbers=[]),)
-    said = headline(replace(answer(attribute("none", "none", {}, p=0.5)), findings=tense), CATALOGUE, None, 1.0, "a body 40 % softer")
+    tense = replace(answer(attribute("none", "none", {}, p=0.5)), findings=(finding("beyond_tolerance", fit="", numbers=[]),))
+    said = headline(tense, CATALOGUE, by_calibration=1.0, calibrated="a body 40 % softer")
     assert said == "Calibration closes 100 % of the gap, but beyond tolerances: a body 40 % softer (p = 0.50)."
     settled = (finding("thrust_settled", walls_mm=0.67, cap_mm=3.95),)
     walls = replace(answer(attribute("effect", "cause", {}, "chamber_thrust", p=0.92)), findings=settled)
