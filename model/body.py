@@ -42,7 +42,7 @@ class Body:
     second: Array
     """m^4, EI / E about a diameter."""
     polar: Array
-    """m^4, stiffness against torsion / E; 2 I where it is not given (the paper's eq. 3 has E there)."""
+    """m^4, GJ / E; where it is not given 2 I, as eq. 3 of the paper has E for G, but with thrust on the walls 2 I G / E."""
     weight_area: Array
     """m^2, mass per length / density."""
     outer_radius: Array
@@ -144,7 +144,8 @@ def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
     area, second = math.pi * (outer**2 - inner**2), annulus_second_moment(outer, inner)
     axial = referred("axial_stiffness", modulus * area)
     bending = referred("bending_stiffness", modulus * second)
-    torsion = referred("torsional_stiffness", 2 * bending)
+    shear = robot.shear_modulus / robot.youngs_modulus if robot.thrust == "walls" else 1.0
+    torsion = referred("torsional_stiffness", 2 * bending * shear)
     weighing = area
     if robot.density > 0:
         weighing = referred("mass_per_length", along("density", robot.density) / robot.density * area)

@@ -175,7 +175,7 @@ class Robot(Shown, FileTable):
     axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N", "uncertainty": "axial_stiffness"})
     """EA of the body, likewise; `+- 6 %` states one of its own."""
     torsional_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
-    """GJ of the body, likewise; twice EI unless given."""
+    """GJ of the body, likewise; unless given twice EI, with `thrust: walls` 2 G I."""
     mass_per_length: Weight | None = Field(default=None, json_schema_extra={"unit": "kg/m"})
     """Of the body, likewise."""
     sections: tuple[Section, ...] = Field(default=(), max_length=32)

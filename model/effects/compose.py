@@ -178,16 +178,18 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
 
     Gas in a bent chamber also presses on its longer outer wall, with P A kappa per length, away from the centre of the bend.
     Where the body takes that up (share w = `thrust_on_walls`), the gas in any part of it pushes with P A e3(s) at its ends: each
-    section is stretched along its own tangent, as by a rest strain w P A / EA, and no thrust at the tip bends it. Share b
-    (`thrust_borne`) of that stretches nothing.
+    section is stretched along its own tangent and bent about its own axes, as by a rest strain w P A / EA and a rest curvature
+    w m / EI, and neither thrust nor moment at the tip does it: a body bent sideways is then twisted by what hangs from it, as
+    m' = -p' x n has it of external loads alone. Share b (`thrust_borne`) of the stretch is missing.
     """
     push = q.pressure * q.area_factor
     azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]  # at the tip
     unit_moments = (np.sin(azimuth) - 1j * np.cos(azimuth)) * (q.lever[..., None] * q.body.levers)
     force, moment = _wrench(push, unit_moments, q.body.tip_area, q.body.path_radius[-1])
     out[col.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
-    out[col.TIP_MOMENT] = moment.real
-    out[col.TIP_MOMENT + 1] = moment.imag
+    at_tip = (1 - q.thrust_on_walls) * moment
+    out[col.TIP_MOMENT] = at_tip.real
+    out[col.TIP_MOMENT + 1] = at_tip.imag
     as_at_tip = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
             for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
     own = [(force, moment) if same else _wrench(push, unit_moments, area, radius)
@@ -196,8 +198,8 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             stretching = (1 - q.thrust_on_walls * q.thrust_borne) * own[piece][0] - (1 - q.thrust_on_walls) * force
             out.add(element + col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
-    if q.twist.any() or (q.thrust_on_walls * q.thrust_growth).any() or not all(as_at_tip):
-        _rest_of_moments(q, out, [m for _, m in own], moment)
+    if q.twist.any() or q.thrust_on_walls.any() or not all(as_at_tip):
+        _rest_of_moments(q, out, [m for _, m in own], at_tip)
 
 
 def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex], at_tip: Complex) -> None:
@@ -214,13 +216,15 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
         growth = q.twist_growth / q.length
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * length * (1 + 2 * growth * bottom), q.twist * growth * length**2
+        bend = out[element + col.BEND]
+        softness = _softened(out[element + col.SERIES] * np.abs(moments[piece] / bend) ** 2) if q.bend_softening.any() else 1.0
         # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x = 0..1 along the element
-        curvature = np.exp(1j * a0) * moments[piece] / out[element + col.BEND]
+        curvature = np.exp(1j * a0) * moments[piece] / (bend * softness)
         c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
         b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * length / q.length**2,
                       uneven * 3 * (length / q.length) ** 2)  # fmt: skip
         powers = (
-            curvature * b0 - at_tip / out[element + col.BEND],
+            curvature * b0 - at_tip / bend,
             curvature * (b0 * c1 + b1),
             curvature * (b0 * c2 + b1 * c1 + b2),
             curvature * (b0 * c3 + b1 * c2 + b2 * c1),
@@ -230,6 +234,16 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
             out.add(column, rise.real)
             out.add(column + 1, rise.imag)
         bottom = bottom + length
+
+
+def _softened(x: Array) -> Array:
+    """D of D - 1 = g(x / D^2), x = a (k r)^2 of the curvature k for D = 1, g as in `model.rods.fast.equations`: by Newton."""
+    d = np.ones_like(x)
+    for _ in range(6):
+        y = x / d**2
+        level = 1 / (1 - 2 * np.minimum(y, 0.0))
+        d = d - (d - 1 - y * level) / (1 + 2 * y * level**2 / d)
+    return d
 
 
 def _wrench(push: Array, unit_moments: Complex, area: Array, path_radius: float) -> tuple[Array, Complex]:

@@ -13,7 +13,7 @@ from model.prediction.campaign import predict_campaign
 from model.prediction.predictor import Predictor
 from model.robot import Robot
 from model.rods import FINE, Rods, solve
-from model.rotation import to_base
+from model.rotation import CONJUGATE, multiply, rotation_vector, to_base
 from model.section import rods_of
 from tests.model.effects.campaigns import Moved
 from tests.model.rods.reference import REFERENCE
@@ -141,6 +141,21 @@ def test_a_moment_bends_the_body_to_a_circle_up_to_the_chambers_end(reference_ro
     turn = 0.3 * curvature
     circle = [-(1 - np.cos(turn)) / curvature - 0.1 * np.sin(turn), 0.0, np.sin(turn) / curvature + 0.1 * np.cos(turn)]
     np.testing.assert_allclose(found, circle, atol=1e-6)
+
+
+def test_a_force_across_a_body_that_its_walls_bend_twists_it(reference_robot: Robot) -> None:
+    """F across an arc of curvature k makes the torque F k (L - s)^2 / 2 about it, and so turns the tip by F k L^3 / (6 GJ)."""
+    weightless = reference_robot.replace(thrust="walls", gravity=[0.0, 0.0, 0.0], axial_stiffness=1e9)
+    force, stiffness, pressures = 0.02, weightless.youngs_modulus * body_of(weightless).mean_second, [30e3, *[0.0] * 8]
+    torsion = 2 * stiffness * weightless.shear_modulus / weightless.youngs_modulus
+    soft, stiff = (
+        solve(rods_of(robot, conditions(robot, 0.0, pressures, force=[0.0, force, 0.0])), FINE).trusted().orientation
+        for robot in (weightless, weightless.replace(torsional_stiffness=1e6 * torsion))
+    )
+    push = 30e3 * weightless.chambers.area * float(weightless.area_factor_at([0.0])[0])
+    curvature = push * weightless.chambers.path_radius / stiffness
+    twist = rotation_vector(multiply(stiff * CONJUGATE, soft))[0, 2]
+    assert abs(twist) == pytest.approx(force * curvature * weightless.length**3 / (6 * torsion), rel=0.02)
 
 
 @pytest.mark.parametrize("path_radius", [None, [0.04, 0.036]])
