@@ -24,7 +24,7 @@ from benchmarks.rod_cases import directions, paper_rods, split, tips_of, wild_ro
 from model.arrays import Array, Mask
 from model.rods import FAST, FINE, Fast, Rods, Solution, Status, sensitivities, solve
 from model.rods.fast import direct
-from model.rods.fast.batches import steps_of
+from model.rods.fast.method import steps_of
 from model.rods.solution import RESULT
 
 

@@ -60,7 +60,7 @@ def test_effect_of_size_zero_is_the_baseline_to_the_last_bit(effect: str) -> Non
 
 
 STAND = {"force_bias", "arm_compliance", "contact_offset"}
-"""Seen in pushes only, see test_virtual_robot_stand.py."""
+"""Seen in pushes only, see test_virtual_robot.py."""
 
 
 @pytest.mark.parametrize("effect", sorted(set(SCALES) - STAND))

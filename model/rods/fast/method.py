@@ -4,6 +4,8 @@ point, the load is followed from zero; what snaps on the way is flagged and hold
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +15,6 @@ from model.arrays import Array, Ints, Mask
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.fast import direct
-from model.rods.fast.batches import share_out, steps_of
 from model.rods.fast.compiler import inline, kernel
 from model.rods.fast.direct import exchange, write_result
 from model.rods.fast.group import ROD, Rod, RodGroup, cut, gather, new_group
@@ -36,6 +37,7 @@ FARTHEST = 0.35
 FOLLOWED, LOST = 1, 0
 STRAIGHT = 1e-6
 """rad: a rod that bends by less is straight."""
+_NO_STEPS = np.zeros((0, 1), np.int64)
 
 
 @kernel
@@ -175,14 +177,7 @@ class Fast:
         settings = (float(self.divisions), float(self.close), warm)
 
         def part(rows: slice) -> None:
-            direct.solve_direct(
-                rods.values[rows],
-                form.springs,
-                settings,
-                fixed[rows] if len(fixed) else fixed,
-                memory[rows] if len(memory) else memory,
-                values[rows],
-            )
+            direct.solve_direct(rods.values[rows], form.springs, settings, fixed[rows], memory[rows], values[rows])
 
         share_out(part, n, self.cores)
         return values
@@ -202,6 +197,26 @@ class Fast:
         lost = np.where(found, Status.OTHER_BRANCH, Status.FAILED)
         status[doubtful] = np.where(followed, Status.SOLVED_IN_STEPS, lost)
         values[doubtful[~followed], :AT_RESIDUAL] = np.nan
+
+
+def steps_of(rods: Rods, steps: Ints | None) -> Ints:
+    """Fixed steps as the kernels take them, none as no rows; raises `BadCondition` when they do not fit the rods."""
+    if steps is None:
+        return _NO_STEPS
+    if steps.shape != (len(rods), rods.form.elements) or steps.dtype != np.int64 or (steps < 1).any():
+        raise BadCondition(f"steps: shape {steps.shape} of {steps.dtype}, must be positive int64 for each element")
+    return np.ascontiguousarray(steps)
+
+
+def share_out(part: Callable[[slice], None], n: int, cores: int) -> None:
+    """Call `part` on slices that cover n rows, on `cores` threads (kernels release the interpreter lock)."""
+    if cores == 1 or n < 2 * LANES:
+        part(slice(0, n))
+        return
+    edges = np.linspace(0, -(-n // LANES), cores + 1).astype(int) * LANES
+    slices = [slice(int(a), min(int(b), n)) for a, b in zip(edges[:-1], edges[1:], strict=True) if a < n]
+    with ThreadPoolExecutor(len(slices)) as pool:
+        list(pool.map(part, slices))
 
 
 def _may_snap(rods: Rods, values: Array) -> Mask:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from model.arrays import Array
 from model.rods.description import Rods
-from model.rods.fast.batches import steps_of
-from model.rods.fast.method import FAST, Fast
+from model.rods.fast.method import FAST, Fast, steps_of
 from model.rods.fast.walk import AT_FORCE, AT_MOMENT, AT_PLACE, AT_STRAIN, AT_TURN, states_at
 from model.rods.solution import Solution
 

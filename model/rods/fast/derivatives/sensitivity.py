@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike
 from model.arrays import Array
 from model.errors import BadCondition
 from model.rods.description import Rods
-from model.rods.fast.batches import share_out, steps_of
 from model.rods.fast.derivatives import implicit
-from model.rods.fast.method import FAST, Fast
+from model.rods.fast.method import FAST, Fast, share_out, steps_of
 from model.rods.solution import Solution
 
 
@@ -117,7 +116,7 @@ def sensitivities(
         implicit.differentiate(
             rods.values[rows],
             form.springs,
-            (float(method.divisions), fixed_steps[rows] if len(fixed_steps) else fixed_steps),
+            (float(method.divisions), fixed_steps[rows]),
             (changes[rows if len(changes) > 1 else slice(0, 1)], arcs[rows], attached, strain),
             solution.values[rows],
             out[rows],
