@@ -41,20 +41,30 @@ def smooth_at(table: tuple[tuple[float, float], ...], length: Array) -> Array:
     """
     if len(table) < 2:
         return np.full(length.shape, table[0][1])
-    curve, steepness = _curve(table)
-    inside = np.clip(length, table[0][0], table[-1][0])
-    steep = np.where(length < table[0][0], *steepness) / MOST_BEYOND
-    return np.asarray(curve(inside) * np.exp(MOST_BEYOND * np.tanh(steep * (length - inside))))
+    x, y, slope = _curve(table)
+    inside = np.clip(length, x[0], x[-1])
+    k = np.clip(np.searchsorted(x, inside, side="right") - 1, 0, len(x) - 2)
+    h, rise = x[k + 1] - x[k], y[k + 1] - y[k]
+    s, a, b = (inside - x[k]) / h, h * slope[k], h * slope[k + 1]
+    curve = y[k] + s * (a + s * (3 * rise - 2 * a - b + s * (a + b - 2 * rise)))
+    steep = np.where(length < x[0], slope[0] / y[0], slope[-1] / y[-1]) / MOST_BEYOND
+    return np.asarray(curve * np.exp(MOST_BEYOND * np.tanh(steep * (length - inside))))
 
 
 @lru_cache(maxsize=64)
-def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Callable[[Array], Array], Array]:
-    """The curve between the entries of a table, and its slopes over its values (1/m) at both ends."""
-    from scipy.interpolate import PchipInterpolator  # which a robot without such a table does without
-
-    curve = PchipInterpolator(*np.array(table).T)
-    ends = np.array([table[0][0], table[-1][0]])
-    return curve, curve(ends, nu=1) / curve(ends)
+def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Array, Array, Array]:
+    """Lengths and values (n,) of a table, and slopes there: harmonic means, 0 at an extremum; at the ends by three points."""
+    x, y = np.array(table).T
+    h, m = np.diff(x), np.diff(y) / np.diff(x)
+    slope = np.full(len(x), m[0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means = 3 * (h[1:] + h[:-1]) / ((2 * h[1:] + h[:-1]) / m[:-1] + (h[1:] + 2 * h[:-1]) / m[1:])
+    slope[1:-1] = np.where(m[1:] * m[:-1] > 0, means, 0.0)
+    for e, f in ((0, 1), (-1, -2)) if len(x) > 2 else ():
+        steep = ((2 * h[e] + h[f]) * m[e] - h[e] * m[f]) / (h[e] + h[f])
+        turns = m[e] * m[f] < 0 and abs(steep) > 3 * abs(m[e])
+        slope[e] = 0.0 if steep * m[e] <= 0 else 3 * m[e] if turns else steep
+    return x, y, slope
 
 
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]

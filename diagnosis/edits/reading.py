@@ -194,7 +194,7 @@ def _wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:
     trials = table.take(complete(table))
     for specimen, sd in MODULUS_SD.items():
         own = trials.take((trials.get("specimen") == specimen) & (cantilevers(robot, trials) >= SHORTEST))
-        if not (ratio := _stiffness_ratio(robot, own, specimen)) > 0:
+        if len(own) < judgement.EDIT_FEWEST or not (ratio := _stiffness_ratio(robot, own, specimen)) > 0:
             continue
         factors = np.array([1.0, *(1 / NEWTONS[u] if u in NEWTONS else METRES[u] for u in PUSH_UNITS)])
         prior = np.log([1 - PRIOR * len(PUSH_UNITS), *[PRIOR] * len(PUSH_UNITS)])
@@ -220,6 +220,6 @@ def _stiffness_ratio(robot: Robot, own: Table, specimen: str) -> float:
     else:
         return 0.0
     expected = 3 * bending / long**3 * deflection
-    if len(own) < judgement.EDIT_FEWEST or np.ptp(expected) == 0 or np.ptp(force) == 0:
+    if np.ptp(expected) == 0 or np.ptp(force) == 0:
         return 0.0
     return abs(float(np.polyfit(expected, force, 1)[0])) if abs(np.corrcoef(force, expected)[0, 1]) > FOLLOWS else 0.0

@@ -103,5 +103,4 @@ def greatest_torques(arm: Arm) -> Array:
     lengths[-1] += float(np.linalg.norm(arm.tool))
     masses = arm.masses[0]
     masses[-1] += arm.tool_mass
-    bounds: Array = GRAVITY * np.cumsum(masses[::-1])[::-1] * np.cumsum(lengths[::-1])[::-1]
-    return bounds
+    return np.asarray(GRAVITY * np.cumsum(masses[::-1])[::-1] * np.cumsum(lengths[::-1])[::-1])

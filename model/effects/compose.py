@@ -165,8 +165,7 @@ def silicone_share(q: Quantities, area: float, second: float, bend: Array) -> Ar
     if q.robot.spine is None:
         return np.ones((1, 1))
     volume = area / (area + math.pi * q.robot.spine.radius**2)
-    out: Array = (volume + q.area_moments * (1 - volume)) * q.body_modulus * second / bend
-    return out
+    return np.asarray((volume + q.area_moments * (1 - volume)) * q.body_modulus * second / bend)
 
 
 def _actuation(q: Quantities, out: RodColumns) -> None:
@@ -188,8 +187,7 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     force, moment = _wrench(push, unit_moments, q.body.tip_area, q.body.path_radius[-1])
     out[col.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
     at_tip = (1 - q.thrust_on_walls) * moment
-    out[col.TIP_MOMENT] = at_tip.real
-    out[col.TIP_MOMENT + 1] = at_tip.imag
+    out[col.TIP_MOMENT], out[col.TIP_MOMENT + 1] = at_tip.real, at_tip.imag
     as_at_tip = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
             for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
     own = [(force, moment) if same else _wrench(push, unit_moments, area, radius)

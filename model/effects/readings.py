@@ -104,8 +104,7 @@ def _body_compliance(q: Quantities, of_spine: SpineModuli) -> Array:
     bending = bending_compliance(edges, bend_stiffness)
     weight_stiffness = _weight_work(q, edges, bend_stiffness) / bending**2
     sheared = shear_compliance(edges, lateral_stiffness)
-    out: Array = 1 / (1 / (bending + sheared + q.clamp_root * length**2) + weight_stiffness)
-    return out
+    return np.asarray(1 / (1 / (bending + sheared + q.clamp_root * length**2) + weight_stiffness))
 
 
 def _weight_work(q: Quantities, edges: list[Array], bend_stiffness: list[Array]) -> Array:

@@ -100,8 +100,7 @@ def _blend(q: Quantities, table: Array, other: Array) -> Array:
         return table
     p = np.where(np.abs(p) < 1e-4, 1e-4, p)
     # divided by the table's modulus, so that at w = 0 the table comes out to the last bit
-    out: Array = table * (1 + w * ((other / table) ** p - 1)) ** (1 / p)
-    return out
+    return np.asarray(table * (1 + w * ((other / table) ** p - 1)) ** (1 / p))
 
 
 def jamming(q: Quantities) -> Array:

@@ -149,8 +149,7 @@ class Rods:
         cut = np.asarray(edges, float)
         ends = np.concatenate([[0.0], np.cumsum(self.field("length")[i])])
         low, high = np.maximum(cut[:-1, None], ends[None, :-1]), np.minimum(cut[1:, None], ends[None, 1:])
-        out: Array = np.maximum(high - low, 0.0) / np.diff(cut)[:, None]
-        return out
+        return np.asarray(np.maximum(high - low, 0.0) / np.diff(cut)[:, None])
 
     def refuse_terms(self, method: str) -> None:
         """Raise `BadCondition` where a field is used that `method` does not know: one that is not BASIC."""

@@ -42,6 +42,8 @@ class Sections(NamedTuple):
     """False: the sliders are skipped."""
     wall_thrust: float = 0.0
     """N by which the chambers stretch each segment along its own tangent, where the side walls take their thrust."""
+    wall_moment: Array = np.zeros((1, 3))
+    """(n or 1, 3) N m by which they bend each about its own axes there."""
 
 
 class SliderHistory(NamedTuple):
@@ -130,6 +132,7 @@ def respond(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Arr
         stress[i] = stiff * strain[i] + s.viscosity * stiff * (strain[i] - hist.strain[k, i])
         t[i if i < 4 else i + 1] = (1.0 + s.viscosity) * stiff
     stress[2] -= s.wall_thrust
+    stress[3:5] -= s.wall_moment[min(k, s.wall_moment.shape[0] - 1), :2]
     t[4] = 0.0  # only friction couples the two bending axes
     if s.slips:
         _friction(s, hist, k, strain, stress, t, commit)

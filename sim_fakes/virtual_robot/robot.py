@@ -106,17 +106,12 @@ class Pneumatics:
         """Follower force (3) N at the tip, moments (n+1, 3) N m at nodes, for segments of lengths h and a roll in rad."""
         moments = np.zeros((len(h) + 1, 3))
         forces, azimuths = self.forces(), self._azimuths + roll
-        turning = np.multiply(self._truth.chamber_path_radius, forces)
+        turning, s = np.multiply(self._truth.chamber_path_radius, forces), np.cumsum(h) - h / 2
         mx = float(np.sum(turning * np.sin(azimuths)))
         my = -float(np.sum(turning * np.cos(azimuths)))
-        if self._laws.chamber_twist == 0.0:
-            moments[-1, :2] = mx, my
-        else:
-            s = np.cumsum(h) - h / 2
-            turn = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
-            moment = np.stack([mx * np.cos(turn) - my * np.sin(turn), mx * np.sin(turn) + my * np.cos(turn)], axis=1)
-            moments[1:, :2] = moment
-            moments[1:-1, :2] -= moment[1:]  # a node takes the change from one segment to the next
+        turn = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
+        moment = np.stack([mx * np.cos(turn) - my * np.sin(turn), mx * np.sin(turn) + my * np.cos(turn)], axis=1)
+        moments[1:, :2] = -np.diff(moment, axis=0, append=0.0)  # a node takes the change from one segment to the next
         return np.array([0.0, 0.0, float(forces.sum())]), moments
 
 
@@ -211,14 +206,15 @@ class VirtualRobot:
         specimen.fit(self.spine)
         chain = specimen.rod.chain
         self._contacts = NO_CONTACT
-        on_stand = hands.mount != "robot"  # where the probe is
-        if hands.probe and on_stand and (specimen.present if isinstance(specimen, BareSpine) else True):
+        if hands.probe and hands.mount != "robot" and (specimen.present if isinstance(specimen, BareSpine) else True):
             self._contacts = self.stand.contacts(chain, *hands.probe)
         sections = specimen.sections(self.spine, dt)
         if isinstance(specimen, VirtualBody):
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
             if self.truth.thrust_on_walls:
-                sections, force = sections._replace(wall_thrust=float(force[2])), np.zeros(3)
+                own = moment[::-1].cumsum(axis=0)[-2::-1]  # of each segment, about its own axes
+                sections = sections._replace(wall_thrust=float(force[2]), wall_moment=np.ascontiguousarray(own))
+                force, moment = np.zeros(3), np.zeros(moment.shape)
             loads = specimen.loads(force, moment, hands.tip_mass, self._contacts)
         else:
             loads = specimen.loads(self._contacts)
