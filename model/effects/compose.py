@@ -201,7 +201,7 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
 
 
 def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex], at_tip: Complex) -> None:
-    """Add (m(s) - `at_tip`) / EI as rest curvature, m the actuators' moment (x + i y, N m) at s.
+    """Add (m(s) - `at_tip`) / (EI D) as rest curvature, m the actuators' moment (x + i y, N m) at s, D its softening.
 
     With azimuth az + c s (1 + g s / L), m(s) is the moment of the piece (`moments`, as if aligned like at the tip) turned back by
     what the chambers wind from s to L, times 1 + w h (3 (s / L)^2 - 1), h = `thrust_growth`; to third order in s over an element.
@@ -215,9 +215,10 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * length * (1 + 2 * growth * bottom), q.twist * growth * length**2
         bend = out[element + col.BEND]
-        softness = _softened(out[element + col.SERIES] * np.abs(moments[piece] / bend) ** 2) if q.bend_softening.any() else 1.0
+        if q.bend_softening.any():
+            bend = bend * _softened(out[element + col.SERIES] * np.abs(moments[piece] / bend) ** 2)
         # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x = 0..1 along the element
-        curvature = np.exp(1j * a0) * moments[piece] / (bend * softness)
+        curvature = np.exp(1j * a0) * moments[piece] / bend
         c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
         b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * length / q.length**2,
                       uneven * 3 * (length / q.length) ** 2)  # fmt: skip
@@ -284,8 +285,7 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     out[wall + col.SPRING_SOFTNESS] = q.robot.length / 200
     if not q.plane_lever.any():
         return
-    thrust, left = out[col.TIP_FORCE + 2], q.plane_lever
-    axis, turn, aside = ZERO, ZERO * 1j, ZERO * 1j
+    thrust, left, axis, turn, aside = out[col.TIP_FORCE + 2], q.plane_lever, ZERO, ZERO * 1j, ZERO * 1j
     for element in reversed(q.layout.elements):
         rest = [sum(out[element + c + k] for c in (col.REST_CURVATURE, *range(col.RISE, col.BLOCK, 3))) for k in range(2)]
         bend = out[element + col.BEND]
@@ -301,8 +301,8 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
             aside = aside - weight * step * t * np.abs(t) ** 2 / 6
             axis = axis + weight * step * (1 - np.abs(t) ** 2 / 2)
         turn, left = end, left - here
-    out[wall + col.SPRING_ARM], out[wall + col.SPRING_ARM + 1] = np.real(aside), np.imag(aside)
-    out[wall + col.SPRING_ARM + 2] = axis
+    for k, arm in enumerate((np.real(aside), np.imag(aside), axis), wall + col.SPRING_ARM):
+        out[k] = arm
 
 
 def _payload(q: Quantities, out: RodColumns) -> None:

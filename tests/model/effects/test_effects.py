@@ -64,6 +64,8 @@ def test_effects_add_to_first_order_and_any_subset_works_together(sweep: Moved) 
     two = sweep.by(chamber_azimuth__angle=0.005)
     both = sweep.by(base_tilt__x=0.002, chamber_azimuth__angle=0.005)
     assert both == pytest.approx(one + two, abs=0.05 * float(np.abs(both).max()))
+    straight, winding = (sweep.by(hyperelastic__curvature=20.0, chamber_twist__winding=c) for c in (0.0, 1e-6))
+    assert winding == pytest.approx(straight, abs=1e-6)
     everything = {f"{s.id}__{p.name}": 0.2 * p.scale for s in CATALOGUE.values() for p in s.parameters if s.id not in ON_FORCE}
     assert np.isfinite(sweep.by(**everything)).all()
 
@@ -147,21 +149,26 @@ def bent_by(robot: Robot, pressure: Array) -> tuple[Array, float]:
 
 
 @pytest.mark.parametrize(
-    ("borne", "growth"), [(0.0, 0.0), (1.0, 0.0), (1.0, -0.5)], ids=["stretches", "stretches nothing", "grows along the arc"]
-)
+    ("borne", "growth", "softening"), [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, -0.5, 0.0), (0.0, 0.0, 20.0), (0.0, 0.0, -2.0)],
+    ids=["stretches", "stretches nothing", "grows along the arc", "stiffens", "softens"],
+)  # fmt: skip
 def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc_or_as_it_grows_along_it(
-    paper_robot: Robot, borne: float, growth: float
+    paper_robot: Robot, borne: float, growth: float, softening: float
 ) -> None:
-    """Without weight each section feels P A along its own tangent and the chambers' moment: an arc of curvature M / EI, times
-    1 + g (3 (s / L)^2 - 1) where the thrust grows, and stretched by what the walls do not bear."""
+    """Without weight each section feels P A along its own tangent and the chambers' moment: an arc of curvature M / (EI D), times
+    1 + g (3 (s / L)^2 - 1) where the thrust grows, and stretched by what the walls do not bear; D of a hyperelastic body."""
     robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
     moved = Moved(robot, campaign(lengths=(0.0,), levels=(150e3, 250e3)))
-    tips = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=borne, chamber_thrust__growth=growth) + moved.still
+    walls = {"chamber_thrust__share": 1.0, "chamber_thrust__borne": borne, "chamber_thrust__growth": growth}
+    tips = moved.by(**walls, hyperelastic__curvature=softening) + moved.still
     s = (np.arange(400) + 0.5) / 400
     for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
         push, bend = bent_by(robot, pressure * moved.forward.area_factor[0])
         long = robot.length * (1 + (1 - borne) * push.sum() / (robot.youngs_modulus * body_of(robot).mean_area))
-        turned = bend * (s + growth * (s**3 - s))
+        x, d = softening * (bend * robot.outer_radius / robot.length) ** 2, 1.0
+        for _ in range(100):
+            d = 1 + x / (d**2 - 2 * min(x, 0.0))
+        turned = bend / d * (s + growth * (s**3 - s))
         assert np.hypot(*tip[:2]) == pytest.approx(long * np.sin(turned).mean(), abs=1e-5)
         assert abs(tip[2]) == pytest.approx(long * np.cos(turned).mean(), abs=1e-5)
 
