@@ -103,16 +103,14 @@ class Pneumatics:
         return np.asarray(area * p)
 
     def wrench(self, roll: float, h: Array) -> tuple[Array, Array]:
-        """Follower force (3) N at the tip, moments (n+1, 3) N m at nodes, for segments of lengths h and a roll in rad."""
-        moments = np.zeros((len(h) + 1, 3))
+        """Force (3) N and moments (n, 3) N m of the gas in segments of lengths h, each in its own frame, for a roll in rad."""
         forces, azimuths = self.forces(), self._azimuths + roll
         turning, s = np.multiply(self._truth.chamber_path_radius, forces), np.cumsum(h) - h / 2
         mx = float(np.sum(turning * np.sin(azimuths)))
         my = -float(np.sum(turning * np.cos(azimuths)))
         turn = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
-        moment = np.stack([mx * np.cos(turn) - my * np.sin(turn), mx * np.sin(turn) + my * np.cos(turn)], axis=1)
-        moments[1:, :2] = -np.diff(moment, axis=0, append=0.0)  # a node takes the change from one segment to the next
-        return np.array([0.0, 0.0, float(forces.sum())]), moments
+        moments = [mx * np.cos(turn) - my * np.sin(turn), mx * np.sin(turn) + my * np.cos(turn), np.zeros(len(h))]
+        return np.array([0.0, 0.0, float(forces.sum())]), np.stack(moments, axis=1)
 
 
 MOUNTS = ("robot", "body", "spine")
@@ -212,10 +210,11 @@ class VirtualRobot:
         if isinstance(specimen, VirtualBody):
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
             if self.truth.thrust_on_walls:
-                own = moment[::-1].cumsum(axis=0)[-2::-1]  # of each segment, about its own axes
-                sections = sections._replace(wall_thrust=float(force[2]), wall_moment=np.ascontiguousarray(own))
+                sections = sections._replace(wall_thrust=float(force[2]), wall_moment=moment)
                 force, moment = np.zeros(3), np.zeros(moment.shape)
-            loads = specimen.loads(force, moment, hands.tip_mass, self._contacts)
+            # a node takes the change from one segment to the next
+            at_nodes = -np.diff(moment, axis=0, prepend=moment[:1], append=np.zeros((1, 3)))
+            loads = specimen.loads(force, at_nodes, hands.tip_mass, self._contacts)
         else:
             loads = specimen.loads(self._contacts)
         self.solves += 1
