@@ -206,7 +206,7 @@ def relative(id: str, at_places: Mapping[str, Mapping[str, Value]], words: Words
 
 
 def _short_enough(*texts: str, most: int = MOST_WORDS) -> str:
-    """The first text of at most so many words, or the last."""
+    """The first text of at most `most` words, else the last one."""
     return next((text for text in texts if len(text.split()) <= most), texts[-1])
 
 

@@ -67,10 +67,8 @@ def _values(parameters: BaseModel, given: Any, table: str = "") -> Iterator[Valu
         else:
             unit = unit_of(field) or ""
             units = [plain_unit(re.sub(rf"\s*{NUMBER}\s*", "", str(one))) for one in (raw if isinstance(raw, list) else [raw])]
-            known, numbers = (
-                KINDS.get(unit, {}),
-                [x for x in (value if isinstance(value, list) else [value]) if isinstance(x, float)],
-            )
+            known = KINDS.get(unit, {})
+            numbers = [x for x in (value if isinstance(value, list) else [value]) if isinstance(x, float)]
             written = next(((known[own], own) for own in units if own in known), usual(unit, max(numbers, default=0.0)))
             yield Value(f"{table}{name}", value, unit, written)
 

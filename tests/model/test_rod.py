@@ -101,7 +101,7 @@ def test_a_step_count_without_sense_is_refused(paper_robot: Robot) -> None:
 
 # -- what is compiled ahead is what is asked for later
 def test_rod_and_fakes_are_compiled_for_the_same_processor_whichever_is_imported_first() -> None:
-    """Machine code on disk is found by what the processor is told to be: else one of the two is compiled anew."""
+    """Cached machine code is keyed by the processor's features: if these differed, one of the two would be recompiled."""
     code = "import importlib, sys; [importlib.import_module(name) for name in sys.argv[1:]]\n"
     code += "from numba.core.registry import cpu_target; print(cpu_target.target_context.codegen().magic_tuple())"
     told = {

@@ -98,7 +98,7 @@ def test_a_waveform_is_sent_and_recorded_and_its_plan_is_short(
     assert len(set(setpoints[:, 0].tolist())) > 3
 
 
-# -- protocols of one's own, from a file: what is wrong with one is told at once
+# -- user protocols from a file: errors are reported at once
 ROOT = Path(__file__).parents[2]
 CREEP = ROOT / "examples/protocol/creep.py"
 RIG = str(ROOT / "examples/rig/rig.yaml")

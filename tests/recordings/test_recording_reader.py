@@ -1,4 +1,4 @@
-"""Reading: the fast way equals the library's way, also for files of other writers, and every kind of bad file is told apart.
+"""Reading: the fast reader agrees with the library, also on files of other writers, and each kind of bad file is identified.
 Damaged files: verify finds every cut and every changed byte, reading gives nothing wrong, and recover keeps every message that
 is whole, invents none, and says what is missing."""
 
