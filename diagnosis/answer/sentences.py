@@ -137,8 +137,8 @@ def _gap(d: Diagnosis) -> str:
     # without a cause all of it; beside one, which it may stand in for, what is beyond its tolerances
     moved = () if d.calibration is None else d.calibration.set_up if d.fitted is None else _beyond(d.calibration.set_up)
     each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in moved]
-    more = [counted(len(each) - 3, "more number")] if len(each) > 3 and d.fitted is not None else []
-    set_up = f" ({'; '.join([*(each[:3] if more else each), *more])}{': measure again' * (d.fitted is None)})" if each else ""
+    each[3:] = each[3:] if d.fitted is None or len(each) < 4 else [counted(len(each) - 3, "more number")]
+    set_up = f" ({'; '.join(each)}{': measure again' * (d.fitted is None)})" if each else ""
     return (
         f"Uncalibrated, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
         f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{set_up}, by "
