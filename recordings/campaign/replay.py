@@ -109,32 +109,31 @@ class _Passing:
     def __init__(self, recording: Recording) -> None:
         self.whole, self.faults = _Counted(recording), dict[str, RecordingError]()
         self.in_order = True
-        self._held: dict[str, NDArray[np.void]] = {}
+        self._held: dict[str, list[NDArray[np.void]]] = {}
         self._forgotten: dict[str, float] = {}
         """Stamp (s) of the newest sample of a stream that is no longer held."""
 
     def take(self, stretch: Stretch, oldest: float) -> None:
         """Add what follows, and forget what no state from `oldest` (rig time, s) on looks at."""
-        for topic, samples in stretch.samples.items():
-            held = self._held.get(topic, samples[:0])
-            self.in_order &= bool((np.diff(np.concatenate([held["t"][-1:], samples["t"]])) >= 0).all())
-            until = min(oldest, *samples["t"][-1:].tolist()) - KEEP
-            begin = int(np.searchsorted(held["t"], until))
-            if begin:
-                self._forgotten[topic] = float(held["t"][begin - 1])
-            self._held[topic] = np.concatenate([held[begin:], samples])
+        for topic, samples in ((topic, samples) for topic, samples in stretch.samples.items() if len(samples)):
+            held = self._held.setdefault(topic, [])
+            self.in_order &= bool((np.diff(samples["t"]) >= 0).all() and (not held or held[-1]["t"][-1] <= samples["t"][0]))
+            held.append(samples)
+            while held[0]["t"][-1] < min(oldest, samples["t"][-1]) - KEEP:
+                self._forgotten[topic] = float(held.pop(0)["t"][-1])
 
     def newest(self, topic: str) -> float:
         """Stamp (s) of the newest sample that has come; -inf while there is none."""
         if topic in self.faults or topic not in self.whole.recording.streams:
             return self.whole.newest(topic)
-        return float(self._held[topic]["t"][-1]) if len(self._held.get(topic, ())) else -math.inf
+        return float(self._held[topic][-1]["t"][-1]) if topic in self._held else -math.inf
 
     def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
         """The samples with t0 <= t <= t1, oldest first."""
         if topic in self.faults or topic not in self._held or t0 <= self._forgotten.get(topic, -math.inf):
             return self.whole.window(topic, t0, t1)
-        samples = self._held[topic]
+        held = self._held[topic]
+        samples = np.concatenate([held[0][:0], *(part for part in held if part["t"][-1] >= t0 and part["t"][0] <= t1)])
         samples = samples[np.searchsorted(samples["t"], t0) : np.searchsorted(samples["t"], t1, side="right")]
         self.whole.budget.take(Cost.LOOKED_AT, len(samples))
         return samples
