@@ -249,7 +249,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     index_of = _lasting(p, c.named)
     columns = np.array(list(index_of.values()))
     covariance = Gaussian(linear, c.prior(parameters), size, law_error).covariance(parameters.of_effect, columns)
-    scale = np.sqrt(np.diag(covariance))
+    scale, free = np.sqrt(np.diag(covariance)), parameters.scaled(c.prior(parameters))[0]
     area = float(p.forward.area_factor[0])
     stated: dict[str, Value] = {}
     for (name, i), relative_sd in zip(index_of.items(), scale.tolist(), strict=True):
@@ -262,7 +262,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         info, ends = parameters.infos[i], {"low": parameters.lower[i], "high": parameters.upper[i]}
         bound = next((end for end, at in ends.items() if np.isclose(c.fit.theta[i], at)), "")
         of_shape = info.role == "shape" and bound != ""  # its bounds are no physics
-        undetermined = of_shape or (named and relative_sd > UNDETERMINED_SHARE)
+        undetermined = of_shape or (named and relative_sd * parameters.sd[i] > UNDETERMINED_SHARE * free[i])
         stated[name] = Value(rounded(value), rounded(value_sd), info.unit, not undetermined, bound)
     trials, components = len(np.unique(p.states.trial)), p.noise_components
     reading = rms(p.problem.noise.own[p.labels.kind == 0])

@@ -138,8 +138,8 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
             for f, accumulated in enumerate(row):
                 gram, misfit = accumulated.information, np.diag(accumulated.information)[k:]
                 of_worlds = replace(accumulated, information=gram[:k, :k], score=gram[k:, :k])
-                for s, spike in enumerate(KNOWN.spikes):
-                    prior = p.prior(mask, float(spike), linear.effect_size)
+                for s, (spike, slab) in enumerate(zip(KNOWN.spikes, KNOWN.slabs, strict=True)):
+                    prior = p.prior(mask, float(spike), float(slab), linear.effect_size)
                     log_p, mean, covariance = of_worlds.update(prior)
                     cut = replace(prior, variance=np.where(mask, prior.variance, 0.0))
                     within_bounds = log_allowed_share(mean, np.diag(covariance)[None], cut, p)

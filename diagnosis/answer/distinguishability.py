@@ -69,7 +69,7 @@ def _separation(
     """T of one effect against the other (None: against no effect), and of the other against the one, each with its parameters at
     `size` (p,); the other effects are free within `spike`, their shape parameters as `effect_size` (p,) allows."""
     both = p.mask((one,) if other is None else (one, other))
-    information = _left(reduced.information, both, np.sqrt(p.prior(both, spike, effect_size).variance))
+    information = _left(reduced.information, both, np.sqrt(p.prior(both, spike, 1.0, effect_size).variance))
     own, at, prior_sd = p.mask((one,))[both], size[both], np.ones(int(both.sum()))
     of_one, of_other = (float(at[k] @ _left(information, k, prior_sd) @ at[k]) for k in (own, ~own))
     return of_one, of_other

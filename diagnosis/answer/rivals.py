@@ -142,7 +142,7 @@ class Rivals:
         chosen = np.flatnonzero(~p.recurs)
         for c in self.candidates:
             linear, at = c.fit.linear(self.prepared.problem), c.grid_point
-            prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
+            prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), at.slab, linear.effect_size)
             scale = p.scaled(prior)[0][chosen]
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect, chosen)
             out.append(scale[:, None] * known * scale[None, :])

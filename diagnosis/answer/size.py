@@ -68,7 +68,7 @@ def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
     """The parameters of the effects that a hypothesis names; none for no effect."""
     parameters = p.problem.parameters
     mean, sd = c.weighed.averaged_mean * parameters.scale, judgement.SIZE_SD_FACTOR * c.weighed.averaged_sd * parameters.scale
-    seen = c.weighed.averaged_sd < judgement.UNDETERMINED_SHARE
+    seen = c.weighed.averaged_sd < judgement.UNDETERMINED_SHARE * np.sqrt(c.prior(parameters).variance)
     of_effects, out = (info for info in parameters.infos if info.group == "effect"), list[Size]()
     for info, m, s, determined in zip(of_effects, mean.tolist(), sd.tolist(), seen.tolist(), strict=True):
         if info.source in c.named:

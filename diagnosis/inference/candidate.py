@@ -29,7 +29,7 @@ class Candidate:
 
     def prior(self, p: FitParameters) -> SizePrior:
         """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
-        return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
+        return p.prior(p.mask(self.named), self.grid_point.spike, self.grid_point.slab, p.effect_size(self.fit.theta))
 
     @property
     def base(self) -> Jacobian | None:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from ..arrays import Array
-from ..judgement import DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LARGEST_TOLERATED_SIZE, LAW_ERRORS, TOLERATED_SIZES
+from ..judgement import DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LARGEST_TOLERATED_SIZE, LAW_ERRORS, NAMED_SIZES, TOLERATED_SIZES
 from .linear import Linear, SizePrior
 from .problem import FitParameters
 
@@ -29,7 +29,10 @@ class Grid:
 
     spikes: Array
     """(s,) prior standard deviation of effects that are not named, as a share of their scale."""
+    slabs: Array
+    """(s,) prior standard deviation of the sizes of effects that are named, in units of their scale."""
     spike_weights: Array
+    """(s,) of each pair of both."""
     sizes: Array
     """(g,) size of the discrepancy, of the unit in the problem's columns."""
     size_weights: Array
@@ -48,7 +51,7 @@ class Grid:
         The weights of both sum to one together.
         """
         kept = (self.spikes > 0) == with_tolerances
-        return replace(self, spikes=self.spikes[kept], spike_weights=self.spike_weights[kept])
+        return replace(self, spikes=self.spikes[kept], slabs=self.slabs[kept], spike_weights=self.spike_weights[kept])
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,14 @@ class GridPoint:
     """One point of the grid."""
 
     spike: float
+    slab: float
     size: float
     form_error: float
 
 
-EQUAL = np.full_like(TOLERATED_SIZES, 1 / len(TOLERATED_SIZES))
-KNOWN = Grid(TOLERATED_SIZES, EQUAL, DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS)
+PAIRS = np.array([(spike, slab) for spike in TOLERATED_SIZES for slab in NAMED_SIZES])
+EQUAL = np.full(len(PAIRS), 1 / len(PAIRS))
+KNOWN = Grid(PAIRS[:, 0], PAIRS[:, 1], EQUAL, DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS)
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
 
 
@@ -84,7 +89,7 @@ class Weighed:
     def peak(self, grid: Grid) -> GridPoint:
         """The most probable point of the grid."""
         i, j, k = np.unravel_index(int(np.argmax(self.log_terms)), self.log_terms.shape)
-        return GridPoint(float(grid.spikes[i]), float(grid.sizes[j]), float(grid.form_errors[k]))
+        return GridPoint(float(grid.spikes[i]), float(grid.slabs[i]), float(grid.sizes[j]), float(grid.form_errors[k]))
 
     @property
     def law_error_gain(self) -> float:
@@ -112,8 +117,8 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     of_these = linear if present.all() else replace(linear, effects=linear.effects[:, used])
     reduced = of_these.reductions(grid.sizes, grid.form_errors)
     mean, covariance = np.zeros_like(means), np.zeros_like(covariances)
-    for i, spike in enumerate(grid.spikes):
-        prior = parameters.prior(masks, float(spike), linear.effect_size)
+    for i, (spike, slab) in enumerate(zip(grid.spikes, grid.slabs, strict=True)):
+        prior = parameters.prior(masks, float(spike), float(slab), linear.effect_size)
         allowed_before = log_allowed_share(prior.mean, prior.variance, prior, parameters)
         of_used = SizePrior(prior.mean[:, used], prior.variance[:, used], prior.wide[:, used])
         for j, row in enumerate(reduced):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
-from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
+from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, NAMED_SIZES, TENSE_SD
 from .discrepancy import SmoothErrors
 from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
@@ -161,8 +161,8 @@ class FitParameters:
     members = _of_effects(lambda p: (np.array(p.effects)[:, None] == np.array(p.ids)).astype(float))
     """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
 
-    def prior(self, named: Mask, spike: float, effect_size: Array | None = None) -> SizePrior:
-        """Prior with the parameters marked `named` (..., p) wide and the sizes of all other effects narrow.
+    def prior(self, named: Mask, spike: float, slab: float, effect_size: Array | None = None) -> SizePrior:
+        """Prior with the parameters marked `named` (..., p) wide (sizes `slab` scales) and the sizes of all other effects narrow.
 
         The narrow prior of a one-sided effect has the mean and variance of a size uniform up to a limit. Shape parameters
         keep their full prior; `effect_size`, see `Linear`, narrows it where the problem was linearised at a larger size than
@@ -174,7 +174,7 @@ class FitParameters:
         narrowing = np.maximum(effect_size / (LIMIT * spike), 1.0) if effect_size is not None and spike > 0 else 1.0
         mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / narrowing**2)
         mean, variance = np.where(self.tolerable, mean, 0.0), np.where(self.tolerable, variance, 0.0)
-        return SizePrior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
+        return SizePrior(np.where(named, 0.0, mean), np.where(named, np.where(self.sizes, slab**2, 1.0), variance), named)
 
     def scaled(self, prior: SizePrior) -> tuple[Array, Array]:
         """Standard deviation and mean (k,) of all parameters, in their units, under a prior of the effects."""
@@ -189,8 +189,8 @@ class FitParameters:
         return np.where(self.sizes, 0.0, np.sqrt(size**2 @ self.members) @ self.members.T)
 
     def prior_of(self, named: tuple[str, ...], spike: float = 0.0) -> SizePrior:
-        """Prior with these effects named, and all others absent or within a tolerance."""
-        return self.prior(self.mask(named), spike)
+        """Prior with these effects named, however large, and all others absent or within a tolerance."""
+        return self.prior(self.mask(named), spike, float(NAMED_SIZES.max()))
 
     def beyond_calibration(self, columns: Array, slope: Array | Columns, unit: Array | float = 1.0) -> Array:
         """Residuals of columns (n, c), the values in `unit` (n, 1) each, after least squares over all that is fitted in every

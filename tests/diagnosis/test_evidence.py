@@ -22,7 +22,7 @@ from tests.diagnosis.toy import toy_problem
 WIDE = np.ones(3, bool)
 RNG = np.random.default_rng(7)
 NO_FORM = np.array([0.0])
-ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]), NO_FORM)
+ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([1.0]), np.array([0.0]), np.array([1.0]), NO_FORM)
 
 
 def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
@@ -88,7 +88,7 @@ def test_an_effect_is_weighed_with_the_prior_within_its_bounds_and_on_its_side_o
 
 def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     linear = small_problem()
-    grid = Grid(np.array([0.0, 0.02]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), NO_FORM)
+    grid = Grid(np.array([0.0, 0.02]), np.ones(2), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), NO_FORM)
     found = weigh(linear, grid, parameters(3), [()])[0]
     log_terms = [
         w * v * np.exp(dense_log_evidence(linear, SizePrior(np.zeros(3), np.full(3, k**2), WIDE), g))
@@ -105,13 +105,13 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
 
 def test_what_is_averaged_over_the_grid_is_a_mixture_of_its_points() -> None:
     linear, p = small_problem(), parameters(3)
-    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), NO_FORM)
+    grid = Grid(np.array([0.0, 0.2]), np.ones(2), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), NO_FORM)
     found = weigh(linear, grid, p, [("e1",)])[0]
     weight = np.exp(found.log_terms - found.log_evidence)
     rng, drawn = np.random.default_rng(5), []
     for i, spike in enumerate(grid.spikes):
         for j, size in enumerate(grid.sizes):
-            _, mean, covariance = linear.reduced(float(size), 0.0).update(p.prior(p.mask(("e1",)), float(spike)))
+            _, mean, covariance = linear.reduced(float(size), 0.0).update(p.prior(p.mask(("e1",)), float(spike), 1.0))
             drawn.append(rng.multivariate_normal(mean, covariance, int(round(4e5 * weight[i, j, 0])), method="eigh"))
     every = np.vstack(drawn)
     assert found.averaged_mean == pytest.approx(every.mean(axis=0), abs=5e-3)
@@ -132,22 +132,22 @@ def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
 def test_what_acts_one_way_only_is_tolerated_like_a_size_evenly_spread_up_to_a_limit() -> None:
     free, up = parameters(3), parameters(3, lower=0.0)
     named = np.array([True, False, False])
-    both, one = free.prior(named, 0.2), up.prior(named, 0.2)
+    both, one = free.prior(named, 0.2, 1.0), up.prior(named, 0.2, 1.0)
     assert both.mean == pytest.approx(np.zeros(3)) and both.variance == pytest.approx([1.0, 0.04, 0.04])
     even = uniform(scale=np.sqrt(3) * 0.2)
     assert one.mean == pytest.approx([0.0, even.mean(), even.mean()])
     assert one.variance == pytest.approx([1.0, even.var(), even.var()])
-    changes = replace(up, changes=True).prior(named, 0.2)
+    changes = replace(up, changes=True).prior(named, 0.2, 1.0)
     assert changes.mean == pytest.approx(np.zeros(3)) and changes.variance == pytest.approx(both.variance)
 
 
 def test_how_a_tolerated_effect_looks_is_as_little_known_as_how_a_named_one_does() -> None:
     p = toy.parameters(*parameters(2).infos, toy.parameter("e2", "e2", role="shape"))
-    with_tolerances, strict = (p.prior(np.zeros(3, bool), spike) for spike in (0.2, 0.0))
+    with_tolerances, strict = (p.prior(np.zeros(3, bool), spike, 1.0) for spike in (0.2, 0.0))
     assert with_tolerances.variance == pytest.approx([0.04, 0.04, 1.0])
     # around a point where the effect is larger than it may be, a look can do no more than at the limit
     limit = np.sqrt(3) * 0.2
-    around = p.prior(np.zeros(3, bool), 0.2, effect_size=np.array([0.0, 0.0, 2 * limit]))
+    around = p.prior(np.zeros(3, bool), 0.2, 1.0, effect_size=np.array([0.0, 0.0, 2 * limit]))
     assert around.variance == pytest.approx([0.04, 0.04, 0.25])
     assert strict.variance == pytest.approx(np.zeros(3))
 

@@ -267,7 +267,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def fitted(problem: Problem, named: tuple[str, ...], spike: float, size: float) -> Model:
-    prior = problem.parameters.prior(problem.parameters.mask(named), spike)
+    prior = problem.parameters.prior(problem.parameters.mask(named), spike, 1.0)
     return Model(prior, size, fit(problem, prior, size, np.zeros_like(problem.parameters.sd)).theta)
 
 
