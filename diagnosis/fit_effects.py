@@ -254,7 +254,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     stated: dict[str, Value] = {}
     for (name, i), relative_sd in zip(index_of.items(), scale.tolist(), strict=True):
         named = parameters.effects[i] in c.named
-        value, value_sd = float(c.fit.theta[i]), (SIZE_SD_FACTOR if named else 1.0) * relative_sd * float(parameters.sd[i])
+        value, value_sd = float(c.fit.theta[i]), (SIZE_SD_FACTOR if named else 1.0) * relative_sd * float(free[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
         elif name in p.robot.stated:  # it counts from there
@@ -262,7 +262,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         info, ends = parameters.infos[i], {"low": parameters.lower[i], "high": parameters.upper[i]}
         bound = next((end for end, at in ends.items() if np.isclose(c.fit.theta[i], at)), "")
         of_shape = info.role == "shape" and bound != ""  # its bounds are no physics
-        undetermined = of_shape or (named and relative_sd * parameters.sd[i] > UNDETERMINED_SHARE * free[i])
+        undetermined = of_shape or (named and relative_sd > UNDETERMINED_SHARE)
         stated[name] = Value(rounded(value), rounded(value_sd), info.unit, not undetermined, bound)
     trials, components = len(np.unique(p.states.trial)), p.noise_components
     reading = rms(p.problem.noise.own[p.labels.kind == 0])
