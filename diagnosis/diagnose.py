@@ -21,15 +21,14 @@ from model.stated import AREA_FACTOR
 from .answer import sentences, verdict
 from .answer.attribute import Attribution, attribute, calibrated, related_ahead
 from .answer.calibration import alone_as_good, calibration, simulator
-from .answer.decision import behaves_like, doubted
+from .answer.decision import behaves_like, contradicted, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
-from .answer.headline import headline
-from .answer.holdout import evaluate_holdout, other_campaign
-from .answer.locate import locate
+from .answer.headline import headline, hypothesis_name
+from .answer.locate import contradiction, locate
 from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
-from .answer.unseen import Unseen, unseen_states
+from .answer.unseen import Unseen, evaluate_holdout, other_campaign, unseen_states
 from .data.campaign import Campaign
 from .data.case import Case, states
 from .data.drift import drift
@@ -105,7 +104,6 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     predict_unseen = predicting(causes)
     rivals = Rivals(prepared, causes.posterior, causes.distinguishability)
     proposals = propose(causes, rivals, options.executor) if options.experiments else ()
-    holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
     location = locate(causes, stages)
     unseen = predict_unseen()
     follows_law = causes.decision.verdict != "unknown"
@@ -113,6 +111,10 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     causes = replace(causes, decision=behaves_like(causes.decision, causes.best.named, causes.posterior, closed))
     words = case.robot.actuators.words
     names = {e: spec.name(words) for e, spec in options.catalogue.items()}
+    effect = hypothesis_name(causes.decision.effects, names, joint=" and ")
+    reasons = contradiction(causes, effect) if causes.decision.effects else ()
+    causes = replace(causes, decision=contradicted(causes.decision, closed)) if reasons else causes
+    holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
     fitted, values = None, None  # the robot with what is named, and its parameters
     if causes.decision.effects and options.baseline is None and location.of == "tip":
         fitted = confirmed(causes, edited, options.catalogue)
@@ -125,13 +127,13 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     alone, named_sizes = alone_as_good(adjusted, causes), causes.sizes(causes.best, fitted)
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
-    reasons: tuple[Finding, ...] = ()
+    own_errors = causes.stage_errors[:2] if named else ()
     first = [*shifted(case.table, case.robot.length), *(f for f in (settled,) if f is not None and f.code == "thrust_likely")]
     first += drift(edited.states.take(~edited.states.pushed))
     unsettled = (*far, *edited.changes, *tense, *first)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
-        reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
+        reasons += tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         others = [sentences.with_id(e, names) for e in verdict.rivals(causes.decision, causes.posterior)]
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
@@ -154,7 +156,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
             *sentences.scatter(prepared, location.noise_floor_mm),
             *sentences.ramps_assumed(edited.states, [options.catalogue[e] for e in causes.decision.effects], words),
-            *sentences.against(named_sizes, causes.decision.effects, causes.stage_errors, names, words),
+            *(finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain) for e in own_errors),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),
             *(finding("as_read", text=text) for text in case.table.warnings),
         ),

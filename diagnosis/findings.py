@@ -139,12 +139,15 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the times of {effect} rest on how fast set-points change, which the table does not state; assumed: {assumed}. "
             "State it, as in `constants: {{rate: 1 bar/s, hold: 5 s}}` of map.yaml"
         ),
-        "impossible_size": ("the fit gives {parameter} = {size}, which is physically impossible: evidence against this effect"),
         "stage_error": (
             "an additional free-form error in the {stage} that {varies} would gain {gain:.1f} in log evidence: the named cause "
             "may not be the only one"
         ),
-        "cause_impossible": "the cause is not certain: the fitted size of {effect} is impossible",
+        "cause_impossible": "the cause is not certain: the fitted size of {effect} is physically impossible",
+        "cause_contradicted": (
+            "the cause is not certain: {effect} makes the {states} states {where} worse: {with_mm:.2g} mm rms remain with it, "
+            "{without_mm:.2g} mm with calibration alone (in-sample). Check above all {farthest} from the fit with it"
+        ),
         "cause_undetermined": (
             "the cause is not certain: over all hypotheses {effect} moves the tip by {low_mm:.2f} mm at the lower end of its "
             "95 % interval, less than the noise floor of {floor_mm:.2f} mm"
@@ -166,11 +169,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "robot.yaml does not say whether cap or walls take the thrust of the {actuators}. After calibration {walls_mm:.2f} "
             "mm rms remain with the walls, {cap_mm:.2f} mm with the cap; the walls are used. To settle it, write `thrust: walls`"
         ),
-        "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}){rather}",
-        "refitted_to_limit": (
-            "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}), the limit of the fit: another number is "
-            "wrong too{rather}"
-        ),
+        "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}){limit}{rather}",
         "length_differs": (
             "length {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}): measure it without {pressure}, from the base "
             "to the tracked point, and correct length in robot.yaml{rather}"

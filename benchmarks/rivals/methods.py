@@ -34,7 +34,7 @@ from diagnosis.inference.executor import one_thread
 from diagnosis.inference.fit import Fit, fit
 from diagnosis.inference.prepare import Prepared, prepare
 from diagnosis.inference.problem import Problem
-from diagnosis.inference.starts import starts
+from diagnosis.inference.search import starts
 from lab.files.inputs import read_case
 
 Hypothesis = tuple[str, ...]

@@ -70,12 +70,12 @@ def _states(p: Prepared, predicted: Mapping[str, Array], unseen: Mapping[str, Ar
 
 
 def _worst_shapes(p: Prepared, models: Mapping[str, Array], predicted: Mapping[str, Array]) -> list[dict[str, Any]]:
-    """Shapes of the worst state of each chamber group and spine length, at most four, by models of parameters (k,) that
-    predict values (n,); a simulator has none."""
+    """Shapes of the state of each chamber group and spine length that a model misses most, at most four, by models of parameters
+    (k,) that predict values (n,); a simulator has none."""
     if p.baseline is not None:
         return []
     tips = {name: p.tip(values) for name, values in predicted.items()}
-    distance = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)
+    distance = np.max([np.linalg.norm(p.states.tip - tip, axis=1) for tip in tips.values()], axis=0)
     length = levels(p.states.spine_length, SPINE_GAP)
     worst: dict[tuple[tuple[int, ...], int], int] = {}
     for i in sorted(np.flatnonzero(np.isfinite(distance)).tolist(), key=lambda i: -distance[i]):

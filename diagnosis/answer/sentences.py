@@ -20,7 +20,6 @@ from recordings.trials import counted
 
 from .. import judgement
 from ..arrays import Array
-from ..criticism.stage_errors import StageError
 from ..data.campaign import Campaign
 from ..data.noise_components import PRESSURE
 from ..data.plausible import differ_by
@@ -303,17 +302,6 @@ def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
     if not 1 / judgement.OTHER_UNIT < stiffness < judgement.OTHER_UNIT:
         units = differ_by(stiffness, words)
         yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness, units=units)
-
-
-def against(
-    sizes: Sequence[Size], named: Sequence[str], errors: Sequence[StageError], names: Mapping[str, str], words: Words
-) -> Iterator[Finding]:
-    """Evidence against the named effects: an impossible size, or a stage that has an error of its own."""
-    for x in (x for x in sizes if x.impossible):
-        number, unit = for_people(x.mean, x.unit, words)
-        yield finding("impossible_size", parameter=with_id(x.name, names), size=f"{number:.3g} {unit}".rstrip())
-    for e in errors[:2] if named else ():
-        yield finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain)
 
 
 def ramps_assumed(states: Campaign, named: Sequence[EffectSpec], words: Words) -> Iterator[Finding]:

@@ -69,10 +69,11 @@ def attribute_section(
         candidate = f.posterior.candidates[named]
         own = candidate if named == d.effects else f.alone.get(named)
         size = () if own is None else f.sizes(own, fitted)
-        if d.verdict == "effect":  # doubts take from all answers of the catalogue alike
+        answered = named == (d.effects if d.verdict == "effect" else UNKNOWN)
+        if d.verdict != "none":  # doubts take from all answers of the catalogue alike
             left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
-            probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else left * probability
-        limited = d.limited and named == d.effects
+            probability = d.probability if answered else d.outside if named == UNKNOWN else left * probability
+        limited = d.limited and answered
         c = max((candidate, own or candidate), key=lambda c: c.log_evidence)
         evidence = c.log_evidence if named != UNKNOWN and c.fit.predicted_decrease < judgement.SEPARATED_EVIDENCE else np.nan
         ranked.append(Ranked(named, probability, evidence, heldout.get(named), values(size), limited))

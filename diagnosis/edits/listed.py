@@ -86,7 +86,8 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
 
 
 def _refitted(name: str, given: float, found: float, unit: str, limit: bool = False, short: str = "") -> list[Mistake]:
-    return [mistake("refitted_to_limit" if limit else "refitted", short or name, name=name, given=given, found=found, unit=unit)]
+    reached = ", the limit of the fit: another number is wrong too" * limit
+    return [mistake("refitted", short or name, name=name, given=given, found=found, unit=unit, limit=reached)]
 
 
 def _beyond(theta: Array, number: int) -> bool:

@@ -40,7 +40,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     if robot.bending_stiffness:
         number, given, unit = "bending_stiffness", robot.bending_stiffness, "N m^2"
     for factor in (1e-3, 1e3):
-        says = stating("refitted", number, name=number, given=given, found=factor * given, unit=unit)
+        says = stating("refitted", number, name=number, given=given, found=factor * given, unit=unit, limit="")
         yield Edit("modulus", 0.01, says, times(factor, "modulus"))
     for unit, size in PASCALS.items() if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() * size)) < AMBIENT[1]:

@@ -70,17 +70,17 @@ class Edited:
     @property
     def headline(self) -> str:
         """The mistake that is not a number of robot.yaml, in a line; empty if there is none."""
-        first = next((c for c in self.changes if not c.code.startswith("refitted")), None)
+        first = next((c for c in self.changes if c.code != "refitted"), None)
         return "" if first is None else f"{first.text[0].upper()}{first.text[1:].partition(':')[0]}."
 
     @property
     def at_bound(self) -> bool:
         """Whether a number reached the limit of its fit, so that another one is wrong too."""
-        return any(c.code == "refitted_to_limit" for c in self.changes)
+        return any(c.values.get("limit") for c in self.changes)
 
     def detail(self) -> dict[str, object]:
         """Plain values for the answer's JSON."""
-        adjusted = [{"code": c.code, **c.values, "at_bound": c.code == "refitted_to_limit"} for c in self.numbers]
+        adjusted = [{"code": c.code, **c.values, "at_bound": bool(c.values.get("limit"))} for c in self.numbers]
         numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
         return numbers | ({"order": self.changes[0].text} if self.with_order else {})
 

@@ -25,7 +25,7 @@ from ..judgement import FIT_DISCREPANCY_SIZE, LIKELY_WALLS_GAIN, ON_WALLS, WALLS
 from .fit import fit
 from .prepare import AREA, prepare
 from .reading_noise import USUAL
-from .starts import recalibrated
+from .search import recalibrated
 
 BESIDE = ("pressure_offset", "chamber_gain", "chamber_azimuth", "base_tilt", "body_modulus", "tip_payload")
 """Effects that may also act and would hide the difference."""

@@ -55,9 +55,10 @@ MOST_NAMED = 5
 """Of states that do not follow each other, in one note."""
 SLIPPED = 3.0
 """Times the highest of the others beyond which a number has a slip of its decimal mark, which makes it ten times as large."""
-ALONE, MUCH_LESS = 0.02, 0.2
+ALONE, AGREED, MUCH_LESS = 0.02, 0.01, 0.2
 """Robot lengths beyond which a place is no repeat, though below `STRAY`, if those before and after are off by less than this
-share of it: pressures of one setting differ by up to 2 % of their range, which moves a tip by up to 0.02 lengths."""
+share of it: pressures of one setting differ by up to 2 % of their range, which moves a tip by up to 0.02 lengths; and the same
+where `AGAINST` repeats agree as well: of 136 tables two have such places, read while the body still moved or was touched."""
 EXCHANGED, EXCHANGED_SHARE = 3.0, 0.1
 """Times the usual distance from a surface, and share of its own, up to which a state with two pressures exchanged lies on it."""
 TIMES_UNREPEATED, KNOWN = 30.0, 0.5
@@ -263,7 +264,7 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
     """Places (state, body) far from those in all states of other trials at the same pressures and loads, however reached, by
-    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or `ALONE` where the states before and after are not; those
+    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or less where the states before and after are not; those
     out of reach; where repeats scatter, those of the state before at other pressures; and what to say of each; of two, both,
     or the one `off_surface` of the others. None where more than `FEW` of all states are so: the readings are like that."""
     pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
@@ -284,8 +285,8 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
                 nearest[part] = rows[np.where(others, apart, np.inf).argmin(axis=1)]
         off = np.where(nearest < 0, np.nan, np.linalg.norm(place - place[nearest], axis=1))
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
-        far = np.flatnonzero(off > max(TIMES_SCATTER * usual, ALONE * length))
-        far = far[[off[i] > STRAY * length or _alone(own, place, nearest, off, setting, i) for i in far.tolist()]]
+        far = np.flatnonzero(off > max(TIMES_SCATTER * usual, AGREED * length))
+        far = far[[off[i] > STRAY * length or _alone(own, place, nearest, off, setting, i, length) for i in far.tolist()]]
         if far.size:
             distance, stray, leverage = off_surface(own.trials, place, reach <= FARTHEST * length, length)
             far = far[~(stray & (leverage < KNOWN))[nearest[far]] | (distance[far] >= MUCH_LESS * off[far])]
@@ -297,19 +298,21 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
             yield (int(own.row[i]), body), f"{BODIES[body]} repeats the state before to the last digit: left out"
 
 
-def _alone(own: Campaign, place: Array, nearest: Ints, off: Array, setting: Ints, i: int) -> bool:
+def _alone(own: Campaign, place: Array, nearest: Ints, off: Array, setting: Ints, i: int, length: float) -> bool:
     """Whether state i is `off` (m) the nearest repeat of its place (n, 3), while in its trial those before and after are not and
-    no other at its setting stands with it: a slip, a first cycle or a drift lasts. And not by up to the steps that the body takes
-    there, as one that snaps, lags or creeps is, nor at a peak: it may snap there."""
+    no other at its setting stands with it: a slip, a first cycle or a drift lasts; nor is it at a peak: it may snap there. And
+    `AGAINST` repeats agree; or it is not off by up to the steps that the body takes there, as one that snaps, lags or creeps."""
     from scipy.optimize import lsq_linear
 
-    around, own_trial = [i - 1, i + 1], own.trial == own.trial[i]
-    if not _between(own, off, i):
+    around, own_trial, alike = [i - 1, i + 1], own.trial == own.trial[i], setting == setting[i]
+    beside = np.linalg.norm(place[own_trial & alike] - place[i], axis=1) < 0.5 * off[i]
+    if beside.sum() > 1 or not _between(own, off, i):
         return False
-    beside = np.linalg.norm(place[own_trial & (setting == setting[i])] - place[i], axis=1) < 0.5 * off[i]
+    others = place[alike & ~own_trial & np.isfinite(off)]
+    agree = len(others) >= AGAINST and np.linalg.norm(others - np.median(others, axis=0), axis=1).max() < MUCH_LESS * off[i]
     steps, error = place[around] - place[nearest[i]], place[i] - place[nearest[i]]
     left = np.linalg.norm(lsq_linear(steps.T, error, (-1.0, 1.0)).fun)
-    return bool(beside.sum() == 1 and left > 0.5 * off[i])
+    return bool(agree or (off[i] > ALONE * length and left > 0.5 * off[i]))
 
 
 def _between(own: Campaign, off: Array, i: int) -> bool:

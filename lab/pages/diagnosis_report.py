@@ -59,8 +59,7 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
             _held_out(report.section("Evidence: a campaign that was not fitted"), d.holdout, sentences.held_out(d), spine)
         if (change := d.change) is not None:
             rows = [[hypothesis_name(effects, d.names) if effects else "nothing", stated(p)] for effects, p in change.ranking[:6]]
-            section = report.section("What changed since the reference").text(change.statement)
-            section.table(("changed", "probability"), rows)
+            report.section("What changed since the reference").text(change.statement).table(("changed", "probability"), rows)
         if against := d.texts("warning", "note"):
             report.section("What speaks against the answer").text(*(line[:1].upper() + line[1:] for line in against))
         if d.detail["sizes"]:
@@ -196,7 +195,8 @@ def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:
 
 
 def _where(s: PageSection, d: Diagnosis, folder: Path) -> None:
-    """Write where the gap is: shapes of the worst states, the map of all states, and loops over pressure."""
+    """Write where the gap is: what contradicts the cause, shapes of the worst states, the map of all, and loops over pressure."""
+    s.text(*(f"{f.text[:1].upper()}{f.text[1:]}." for f in d.findings if f.code == "cause_contradicted"))
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
@@ -317,7 +317,7 @@ def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:
 
 
 def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
-    """Write the shapes of the states with the largest calibrated error, or why there are none."""
+    """Write the shapes of the states with the largest error, or why there are none."""
     states = d.detail["shapes"]
     if not states:
         why = "Another simulator takes the rod's place" if d.simulator is not None else "The model has no equilibrium"
@@ -325,8 +325,8 @@ def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
         return
     s.figure(
         draw.shapes(states, explained(d), folder, d.words),
-        f"States with the largest calibrated error, one for each group of {d.words.actuators}{_lengths(d, ' and ')}, in-sample"
-        + "; mm, base frame",
+        f"States with the largest error by either model, one for each group of {d.words.actuators}{_lengths(d, ' and ')}, "
+        "in-sample; mm, base frame",
     )
     names = [draw.state_name(x, d.words).replace("\n", ", ") for x in states]
     missed = [[_point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")] for x in states]

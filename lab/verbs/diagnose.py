@@ -172,14 +172,10 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
 
 def show(d: Diagnosis, protocols: Path | None = None) -> None:
     """Print an answer; `protocols`: the folder of the proposed experiments, if they were written."""
-    for text in d.texts("critical"):
-        out.print(f"settle first: {text}")
-    out.print(d.headline)
-    out.print(d.statement)
-    for text in d.texts("warning", "note"):
-        out.print(f"  note: {text}")
-    if d.change is not None:
-        out.print(d.change.statement)
+    first_of_all = [f"settle first: {text}" for text in d.texts("critical")]
+    notes = [f"  note: {text}" for text in d.texts("warning", "note")] + ([] if d.change is None else [d.change.statement])
+    for line in (*first_of_all, d.headline, d.statement, *notes):
+        out.print(line)
     out.print(ranked(d.attribute.ranking, d.words))
     if origins := stands_for(d.calibration, d.words):
         out.print(f"{origins}.")

@@ -15,8 +15,7 @@ from diagnosis.inference.executor import Executor
 from diagnosis.inference.fit import fit
 from diagnosis.inference.posterior import posterior
 from diagnosis.inference.problem import Problem
-from diagnosis.inference.search import MOST_UNKEPT, Search
-from diagnosis.inference.starts import recalibrated
+from diagnosis.inference.search import MOST_UNKEPT, Search, recalibrated
 from model.arrays import Array
 from tests.diagnosis.toy import IDS, Grid, ToyForward, parameter, parameters, toy_problem
 

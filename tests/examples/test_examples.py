@@ -1,5 +1,8 @@
-"""The rig.yaml for hardware that people copy: it loads, and it explains every key that there is."""
+"""The rig.yaml for hardware that people copy loads and explains every key that there is; the notebooks run to their last cell and
+end in what they promise."""
 
+import importlib.util
+import json
 import re
 from pathlib import Path
 from typing import Any, get_args
@@ -12,8 +15,11 @@ from lab.files.config import Source, check, load
 from lab.files.rig_file import Instruments, RigFile, load_rig
 from lab.rig.real_time import clock_of
 from model.robot import Robot
+from tests.diagnosis.small_campaigns import SOME
+from tests.simulated.clock import SimulatedClock
 
-PATH = Path(__file__).parent.parent.parent / "examples" / "rig" / "rig.yaml"
+ROOT = Path(__file__).parents[2]
+PATH = ROOT / "examples/rig/rig.yaml"
 
 
 def models(annotation: Any) -> list[type[BaseModel]]:
@@ -48,3 +54,29 @@ def test_no_key_is_missing_and_each_line_that_is_not_plain_says_what_it_is() -> 
         for key in model.model_fields:
             assert re.search(rf"^[ #|]*{key}:", text, re.MULTILINE), f"{model.__name__}.{key} is not explained"
     assert len(alternatives()) == 2
+
+
+def executed(name: str) -> tuple[str, dict[str, Any]]:
+    spec = importlib.util.spec_from_file_location("notebook", ROOT / "docs/notebook.py")
+    assert spec is not None and spec.loader is not None
+    spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
+    path = ROOT / "examples/notebooks" / name
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    assert not any(cell.get("outputs") for cell in cells), "notebooks are kept without outputs"
+    page, names = module.executed(path)
+    assert page.count("```python") == sum(cell["cell_type"] == "code" for cell in cells)
+    return page, names
+
+
+def test_a_table_is_analysed_to_its_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lab.files.own_effects.CATALOGUE", SOME)
+    page, names = executed("analysis.ipynb")
+    assert "turned by 7.9" in repr(names["answer"]) and list(names["known"].effects) == ["chamber_azimuth"]
+    assert names["reached"].reached.all() and names["longer"].length == 0.13
+    assert "4 of 126 rows have no tip" in page and "<th>tip x [mm]</th>" in page
+
+
+def test_a_protocol_runs_on_fakes(shared_clock: SimulatedClock) -> None:
+    _, names = executed("protocol.ipynb")
+    assert names["recording"].outcome == "completed" and len(names["case"].table) == 7
+    assert float(max(names["fakes"].plant.chamber_pressure)) < 5e3
