@@ -194,10 +194,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
             "on, or make two cases{rather}"
         ),
-        "actuators_exchanged": (
-            "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
-            "its map, or their azimuths_deg in robot.yaml{rather}"
-        ),
+        "actuators_exchanged": ("{actuators} {first} and {second} are swapped (p = {p:.2f}): {remedy}{rather}"),
+        "connected_elsewhere": "{how} (p = {p:.2f}): let columns p1 .. hold what is now {columns}, or connect them so{rather}",
         "azimuths_elsewhere": "{how} (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}",
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"

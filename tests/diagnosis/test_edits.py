@@ -451,6 +451,10 @@ def test_a_marker_on_the_skin_is_named_with_its_entry_and_kept_once_that_is_writ
         (said,) = judge_table(robot, table).asked
         entry = re.findall(r"`{arc_length: (\S+) mm, offset: \[(\S+) mm, (\S+) mm\]}`", said)
         np.testing.assert_allclose(np.array(entry, float)[0], 1e3 * np.array([along, *offset]), atol=1.0)
+        unturned = table.replaced(columns(ORIENTATION, np.full((len(table), 4), np.nan)))
+        found = judge_table(stated, in_frame(unturned, np.diag([-1.0, -1.0, 1.0])))  # beside the axis, the marker tells which
+        assert re.match("the cameras' frame is turned by 180 deg about .*1] .p = 1.00", found.asked[0]) and len(found.asked) == 1
+        assert np.isfinite(found.table.markers).all()
 
 
 def in_frame(table: Table, axes: Any) -> Table:
@@ -484,6 +488,29 @@ def test_two_that_are_swapped_are_named_as_such_also_where_they_are_an_effect_or
     swap = campaign(read(FINGER, acted({}, (1, 2))))
     for effects in ((), ("chamber_order",)):
         assert edit_first(FINGER, swap, effects).headline.startswith("Chambers 2 and 3 are swapped (p = ")
+
+
+def test_chambers_that_differ_change_places_by_pressures_or_by_azimuths_and_one_remedy_is_no_other() -> None:
+    drive = {"radius": 0.004, "path_radius": [0.0105, 0.009, 0.0105, 0.0075], "azimuths_deg": [0.0, 90.0, 180.0, 270.0]}
+    four = FINGER.replace(chambers=drive, gravity=[0.0, 0.0, 9.81])
+    ring = read(four, lambda p: p[:, [1, 2, 3, 0]])
+    for described, table, as_effect, said in (
+        (
+            turned(four, -90),
+            read(four),
+            False,
+            r"(?!.* receive ).*all azimuths are 90 deg off .*write `azimuths_deg: \[0, 90, 180, ",
+        ),
+        (
+            four,
+            ring,
+            True,
+            r"chambers 1 to 4 receive the pressures of 2 3 4 1 \(p = .* hold what is now p2, p3, p4, p1, or connect",
+        ),
+        (four, read(four, acted({}, (0, 1))), False, r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"),
+    ):
+        first = edit_first(described, campaign(table), ("chamber_order",))
+        assert re.match(said, str(first.changes[0])) and first.with_order == as_effect and first.after < 1e-3, first.changes
 
 
 def test_another_order_that_these_states_cannot_tell_from_the_one_that_is_made_is_stated_beside_it() -> None:
