@@ -245,6 +245,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
         "number_moved": "{name} {by:.3g} {unit} {side} robot.yaml ({sd:.3g} {sd_unit})",
+        "within_with_effect": "or {effect}, with which {numbers} would stay within their tolerance",
         "known_together": "the readings hardly tell {names} apart: change all of them or none",
         "gauge_looks_alike": (
             "a gauge or regulator of one {actuator} that reads wrong by this factor looks the same: first compare all on one "

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.sentences import stands_for
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of
 from diagnosis.diagnose import Options, diagnose
@@ -188,7 +190,7 @@ def test_the_cause_is_found_and_fitted_around_the_calibrated_robot(case: Measure
     told: Any = found.detail["first_calibration"]
     assert len(told["adjusted"]) == 1
     assert found.calibration is not None and found.calibration.modulus == pytest.approx(1 / 2.4, rel=0.15)
-    assert "determine only the ratio" in found.statement
+    assert "these data determine only the ratio of its stiffness to the area factor" in found.statement
     gap = found.waterfall
     assert gap is not None and gap.given_mm > 4 * gap.steps[0].left_mm  # as robot.yaml stands, not as it was calibrated
     fitted = fit_effects(there, ("chamber_azimuth",))
@@ -528,3 +530,26 @@ def test_a_bending_stiffness_with_a_digit_too_many_is_named(factor: float) -> No
     first = edit_first(FINGER.replace(bending_stiffness=factor * stiffness), campaign(read(FINGER)))
     assert re.fullmatch(r"bending_stiffness \S+ N m\^2 instead of \S+ N m\^2 \(p = (0.9\d|1.00)\).*", str(first.changes[0]))
     assert first.robot.bending_stiffness == pytest.approx(stiffness, rel=0.2)
+
+
+def weighed(robot: Robot, of: Robot) -> Diagnosis:
+    """The answer for what the rod of one robot does, by the description of another, with a weight among what is possible."""
+    some = {id: CATALOGUE[id] for id in ("tip_payload", "chamber_azimuth")}
+    return diagnose(Measured(robot.replace(thrust="cap"), read(of)), Options(experiments=False, catalogue=some))
+
+
+def test_all_that_is_stated_to_hang_at_the_tip_may_be_too_much() -> None:
+    said = weighed(FINGER.replace(tip_mass=0.09), of=FINGER).headline
+    assert re.match(r"The tip carries 82 g less than stated \(p = 0.9", said), said
+
+
+def test_a_weight_in_the_place_of_numbers_beyond_their_tolerance_is_stated_with_them_and_each_number_once() -> None:
+    known = {"youngs_modulus": 0.01, "area_factor": 0.5, "frame_shift": 5e-3, "length": 5e-3, "tilt": 0.05, "frame_turn": 0.05}
+    hanging = FINGER.replace(gravity=[0.0, 0.0, 9.81], uncertainty=known)
+    found = weighed(hanging, of=hanging.replace(tip_mass=hanging.tip_mass + 0.01))
+    (first,) = (str(f) for f in found.findings if f.code == "beyond_tolerance")
+    weight = re.search(r"or load at the tip .tip_payload. .(\S+) g, with which all of these would stay within", first)
+    assert weight is not None and 8 < float(weight[1]) < 12
+    (softer,) = re.findall(r"youngs_modulus (\S+) % below robot.yaml", first)
+    assert f"a body {softer} % softer" in found.headline and f"with {1 - float(softer) / 100:.2f} times" in found.statement
+    assert stands_for(found.calibration, found.words) == ""
