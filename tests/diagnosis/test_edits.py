@@ -508,7 +508,7 @@ def test_chambers_that_differ_change_places_by_pressures_or_by_azimuths_and_one_
             four,
             ring,
             True,
-            r"chambers 1 to 4 receive the pressures of 2 3 4 1 \(p = .* hold what is now p2, p3, p4, p1, or connect",
+            r"chambers 1 to 4 receive the pressures of 2 3 4 1 \(p = .* hold what is now p2, p3, p4, p1, or reconnect",
         ),
         (four, read(four, acted({}, (0, 1))), False, r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"),
     ):
