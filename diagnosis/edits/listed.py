@@ -83,7 +83,7 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
     )
     if robot.tip_mass > 0:  # what more it carries, the diagnosis names; less than half is no load but a wrong number
         lighter = ((-0.6 * robot.tip_mass,), (-0.9 * robot.tip_mass,))
-        yield Edit("weight", 0.1, _tip_mass, _heavier, lighter, ((-robot.tip_mass, -0.5 * robot.tip_mass),))
+        yield Edit("weight", 0.05, _tip_mass, _heavier, lighter, ((-robot.tip_mass, -0.5 * robot.tip_mass),))
     for k in np.flatnonzero(np.isfinite(sample.described.markers).any(axis=(0, 1, 3))).tolist():
         moved = partial(lambda which, v, own: replace(v, arcs=v.arcs + own[:, None] * which), np.eye(len(arcs))[k])
         starts, bounds = ((-0.05 * robot.length,), (0.05 * robot.length,)), ((-arcs[k], robot.length - arcs[k]),)
