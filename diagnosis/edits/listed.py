@@ -114,7 +114,8 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
         if (order := swapped(found, given)) and equal(robot, order):
             return _connected_says(order, robot)
         how = short = words.fill("{actuators} counted the other way round")
-        found = -given if (apart(found, -given) < SAME).all() else found  # as stated, in the other sense
+        as_stated = given[order] if order else -given  # in the other sense
+        found = as_stated if (apart(found, as_stated) < SAME).all() else found
     else:
         from_where = ", counted from the opposite direction" * (abs(whole) == 180.0)
         how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
