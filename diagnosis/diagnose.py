@@ -122,7 +122,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
     details = detail(causes, fitted, unseen.residuals, names)
     # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
-    adjusted, tense = calibration(causes, values), causes.tense(values)
+    tense = causes.tense(values)
+    adjusted = calibration(causes, values, {i for moved in tense.values() for i in moved})
     far = tuple(sentences.far_off(adjusted.stiffness, words)) if adjusted is not None and options.baseline is None else ()
     alone, named_sizes = alone_as_good(adjusted, causes), causes.sizes(causes.best, fitted)
     carries = verdict.budget_section(causes)
@@ -153,7 +154,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *far,
             *sentences.to_look_at(prepared, {size.name: size for size in named_sizes}),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
-            *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
+            *(sentences.out_of_tolerance(causes, fit, moved, edited.robot, names) for fit, moved in tense.items()),
             *sentences.scatter(prepared, location.noise_floor_mm),
             *sentences.ramps_assumed(edited.states, [options.catalogue[e] for e in causes.decision.effects], words),
             *(finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain) for e in own_errors),

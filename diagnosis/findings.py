@@ -193,10 +193,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
             "on, or make two cases{rather}"
         ),
-        "actuators_exchanged": (
-            "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
-            "its map, or their azimuths_deg in robot.yaml{rather}"
-        ),
+        "actuators_exchanged": ("{actuators} {first} and {second} are swapped (p = {p:.2f}): {remedy}{rather}"),
+        "connected_elsewhere": "{how} (p = {p:.2f}): let p1 .. hold what is now {columns}, or reconnect them{rather}",
         "azimuths_elsewhere": "{how} (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}",
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
@@ -246,6 +244,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
         "number_moved": "{name} {by:.3g} {unit} {side} robot.yaml ({sd:.3g} {sd_unit})",
+        "within_with_effect": "or {effect}, with which {numbers} would stay within their tolerance",
         "known_together": "the readings hardly tell {names} apart: change all of them or none",
         "gauge_looks_alike": (
             "a gauge or regulator of one {actuator} that reads wrong by this factor looks the same: first compare all on one "

@@ -202,8 +202,8 @@ BOUND_SD = 2.0
 # ------------------------------------------------------------------ criticism: outside the catalogue
 PREDICTIVE_DISCREPANCY = 0.1
 """Discrepancy, noise floors, that is allowed when readings are predicted from the others."""
-TENSE_SD = 4.0
-"""Standard deviations from its mean at which a tolerance is named as tense."""
+TENSE_SD, BEYOND_SD = 4.0, 2.5
+"""Standard deviations from its mean at which a tolerance is tense, and those at which others are stated with it."""
 HARDLY_APART = 4.0
 """Variance inflation factor above which readings hardly tell a tense tolerance from others: without these its sd would halve."""
 OUTSIDE_PROBABILITY = 0.5

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE, least_squares
 from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
 from ..inference.problem import derivatives
-from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO, TENSE_SD
+from ..judgement import AREA_SD, BEYOND_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO, TENSE_SD
 from .attribute import Attribution
 from .result import Alike, Calibration, Origin, SetUp, Simulator
 
@@ -33,9 +33,10 @@ ALIKE_RATIO, ALIKE_LOST = 1.1, 0.05
 """Times what calibration leaves up to which they do the same; share of states that may have no equilibrium."""
 
 
-def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Calibration | None:
+def calibration(f: Attribution, fitted: Mapping[str, float] | None = None, stated: Container[int] = ()) -> Calibration | None:
     """The section `calibration`: the area factor of the calibrated baseline, or of the robot `fitted` with what is named
-    (EFFECT.PARAMETER -> value), next to robot.yaml's; None where there is none, as of stiffness trials alone."""
+    (EFFECT.PARAMETER -> value), next to robot.yaml's; None where there is none, as of stiffness trials alone. `stated`: indices
+    of the numbers that are stated to be beyond their tolerance: the modulus among them has one value."""
     p = f.prepared
     if p.pushes_only or AREA not in p.problem.parameters.names:
         return None
@@ -52,6 +53,7 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     where = f.best.grid_point
     posterior = Gaussian(f.best.fit.linear(p.problem), f.best.prior(parameters), where.size, where.form_error)
     determined = bool(posterior.covariance(parameters.of_effect, np.array([modulus_at]))[0, 0] < DETERMINED**2)
+    determined = determined or (modulus_at in stated and bool(abs(theta[MODULUS]) > BEYOND_SD * parameters.sd[modulus_at]))
     result = Calibration(factor, stated_factor, modulus, at_bound=at_bound, determined=determined)
     # stiffness trials measure the modulus, which is then no origin
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD

@@ -28,6 +28,7 @@ from ..inference.fit import Fit
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
+from .attribute import Attribution
 from .decision import share_closed
 from .headline import concentrated, for_people, percent, plain_name, relative, stated, with_id
 from .result import Alike, Calibration, Diagnosis, SetUp, Shrink, Waterfall
@@ -161,17 +162,16 @@ def _by(s: SetUp, what: str, value: float) -> str:
 def _factor(d: Diagnosis) -> str:
     """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
     c = d.calibration
-    if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < judgement.CALIBRATION_STATED:
+    if c is None or abs(c.stiffness - 1) < judgement.CALIBRATION_STATED:
         return ""
     if d.simulator is not None:
         return f" ({c.area_factor:.2f}; the rod comes nearest to {d.simulator.name} with {c.given:.2f})"
     body = f"a body {as_stiff(c)}"
     how = f"; {body} would look the same"
-    if c.at_bound:
-        how = f", with {c.modulus:.2f} times the modulus, at the limit of the fit"
-    elif c.determined or abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
-        how = "" if c.determined else f"; these data determine only the ratio of the two, that of {body}"
-        how = f", with {c.modulus:.2f} times the modulus{how}"
+    if c.at_bound or c.determined:
+        how = f", with {c.modulus:.2f} times the modulus{', at the limit of the fit' if c.at_bound else ''}"
+    elif abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
+        return f" ({body}: these data determine only the ratio of its stiffness to the {d.words.area_factor})"
     new, given = f"{c.area_factor:.2f}", f"{c.given:.2f}"
     return f" ({given} as stated{how})" if new == given else f" ({new} instead of {given}{how})"
 
@@ -217,7 +217,8 @@ def as_stiff(c: Calibration) -> str:
     """The equivalent stiffness of the body, relative to robot.yaml."""
     if c.stiffness > 2:
         return f"{c.stiffness:.1f} times as stiff"
-    return f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
+    percents = f"{100 * abs(c.stiffness - 1):.0f}"
+    return "as stiff as stated" if percents == "0" else f"{percents} % {'stiffer' if c.stiffness > 1 else 'softer'}"
 
 
 ORIGINS = {
@@ -270,16 +271,38 @@ def numbers_beyond(p: FitParameters, moved: Mapping[int, float], robot: Robot) -
         yield finding("number_moved", name=name, by=by, unit=unit, side="above" if value > 0 else "below", sd=sd, sd_unit=sd_unit)
 
 
+MOST_NUMBERS = 6
+"""Numbers that are listed; so many wrong ones mean another mistake."""
+
+
 def beyond_tolerance(p: Prepared, fit: Fit, moved: Mapping[int, float], robot: Robot, name: str = "the fit") -> Finding:
     """The finding on `numbers_beyond`, and on those that the readings hardly tell apart at a fit: their variance inflation
     factors in the least squares of all of them are above `HARDLY_APART`."""
+    farthest = sorted(moved, key=lambda i: -abs(moved[i]) / p.problem.parameters.sd[i])[:MOST_NUMBERS]
+    more = [counted(len(moved) - len(farthest), "more number")] * (len(moved) > len(farthest))
+    moved = {i: value for i, value in moved.items() if i in farthest}
     numbers, slope = [*numbers_beyond(p.problem.parameters, moved, robot)], fit.derivatives(p.problem).every
     white = np.transpose([slope.column(i) for i in moved])
     unit = white / np.linalg.norm(white, axis=0)
     inflation = np.diag(np.linalg.inv(unit.T @ unit + np.finfo(float).eps * np.eye(len(moved))))
     alike = [number.values["name"] for number, factor in zip(numbers, inflation, strict=True) if factor > judgement.HARDLY_APART]
-    together = [finding("known_together", names=" and ".join(filter(None, (", ".join(alike[:-1]), alike[-1]))))] if alike else []
-    return finding("beyond_tolerance", fit=name, numbers=[*numbers, *together])
+    named = "these" if len(alike) == len(numbers) else " and ".join(filter(None, (", ".join(alike[:-1]), *alike[-1:])))
+    together = [finding("known_together", names=named)] if alike else []
+    return finding("beyond_tolerance", fit=name, numbers=[*numbers, *more, *together])
+
+
+def out_of_tolerance(f: Attribution, fit: str, moved: Mapping[int, float], robot: Robot, names: Mapping[str, str]) -> Finding:
+    """`beyond_tolerance`, with the effect that would leave numbers within their tolerances."""
+    said, other = beyond_tolerance(f.prepared, f.best.fit, moved, robot, fit), f.instead(moved)
+    if other is None:
+        return said
+    (effect,), there, within = other
+    infos = f.prepared.problem.parameters.infos
+    sizes = [(float(x), i.unit) for x, i in zip(there.theta, infos, strict=True) if i.source == effect and i.role == "size"]
+    amount = " {:+.3g} {}".format(*_in_percent(*sizes[0])) * (len(sizes) == 1)
+    stay = "all of these" if len(within) == len(moved) else " and ".join(infos[i].name.removesuffix(".excess") for i in within)
+    numbers = [*said.values["numbers"], finding("within_with_effect", effect=with_id(effect, names) + amount, numbers=stay)]
+    return finding("beyond_tolerance", fit=fit, numbers=numbers)
 
 
 def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:

@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, permutations, product
+from operator import ne
 
 import numpy as np
 import scipy
 
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.effects.laws.actuation import orders
 from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
@@ -27,7 +29,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, looks_like, swapped
+from .order import SAME, apart, as_connected, equal, looks_like, swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -79,6 +81,9 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
+    if robot.tip_mass > 0:  # what more it carries, the diagnosis names; less than half is no load but a wrong number
+        lighter = ((-0.6 * robot.tip_mass,), (-0.9 * robot.tip_mass,))
+        yield Edit("weight", 0.05, _tip_mass, _heavier, lighter, ((-robot.tip_mass, -0.5 * robot.tip_mass),))
     for k in np.flatnonzero(np.isfinite(sample.described.markers).any(axis=(0, 1, 3))).tolist():
         moved = partial(lambda which, v, own: replace(v, arcs=v.arcs + own[:, None] * which), np.eye(len(arcs))[k])
         starts, bounds = ((-0.05 * robot.length,), (0.05 * robot.length,)), ((-arcs[k], robot.length - arcs[k]),)
@@ -107,16 +112,28 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
     found = (sense * given + (1 - sense) * given[0] + whole) % 360
     if sense < 0:
-        if pair := swapped(found, given):
-            return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
+        if (order := swapped(found, given)) and equal(robot, order):
+            return _connected_says(order, robot)
         how = short = words.fill("{actuators} counted the other way round")
-        found = -given if (apart(found, -given) < SAME).all() else found  # as stated, in the other sense
+        as_stated = given[order] if order else -given  # in the other sense
+        found = as_stated if (apart(found, as_stated) < SAME).all() else found
     else:
         from_where = ", counted from the opposite direction" * (abs(whole) == 180.0)
         how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
     how += looks_like(robot, found)
     said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
     return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
+
+
+def _connected_says(order: Sequence[int], robot: Robot, *_: Array) -> list[Mistake]:
+    """State that actuators get the pressures of others, (actuators,) indices, and the remedies that predict the same."""
+    first, second, *more = (k + 1 for k, other in enumerate(order) if k != other)
+    if more:
+        how, columns = as_connected(robot, order), ", ".join(f"p{k + 1}" for k in order)
+        return [mistake("connected_elsewhere", how, how=how, columns=columns)]
+    remedy = f"swap p{first} and p{second} in the table or in its map"
+    remedy += ", or their azimuths_deg in robot.yaml" * equal(robot, order)
+    return [mistake("actuators_exchanged", "order of the {actuators}", first=first, second=second, remedy=remedy)]
 
 
 def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0, markers: Array | float = 0.0) -> Variants:
@@ -152,6 +169,14 @@ def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given = 1e3 * robot.length
     return [mistake("length_differs", "length", given=given, found=given * (1 + float(own[0])), unit="mm")]
+
+
+def _tip_mass(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+    return _refitted("tip_mass", 1e3 * robot.tip_mass, 1e3 * (robot.tip_mass + float(own[0])), "g")
+
+
+def _heavier(v: Variants, own: Array) -> Variants:
+    return replace(v, mass=np.maximum(v.mass + own, 0.0))
 
 
 def _arc(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -287,16 +312,22 @@ def _framed(left: Array, right: Array, orientation: Array) -> Array:
 
 # ------------------------------------------------------------------ columns of pressure
 def _of_columns(sample: Sample) -> Iterator[Edit]:
-    pressures, mapped = sample.table.pressures, sample.table.mapped
+    pressures, mapped, robot = sample.table.pressures, sample.table.mapped, sample.robot
     highest, columns = np.abs(pressures).max(axis=0), range(pressures.shape[1])
-    pairs = [(i, j) for i, j in combinations(columns, 2)
-             if np.abs(pressures[:, i] - pressures[:, j]).max() > 0.1 * highest.max()]  # fmt: skip
-    for i, j in pairs:
-        order = list(columns)
-        order[i], order[j] = j, i
-        says = stating("actuators_exchanged", "order of the {actuators}", first=i + 1, second=j + 1)
-        apply = partial(lambda order, v, _: replace(v, pressure=v.pressure[:, :, order]), order)
-        yield Edit("order", 0.04 / len(pairs), says, apply)
+    given, words = robot.actuators.azimuths_deg, robot.actuators.words
+    apart = np.abs(pressures[:, :, None] - pressures[:, None]).max(axis=0) > 0.1 * highest.max()
+    swaps = [(i, j, [{i: j, j: i}.get(k, k) for k in columns]) for i, j in combinations(columns, 2) if apart[i, j]]
+    for i, j, order in swaps:
+        same, line = equal(robot, order), listed(np.take(given, order))
+        share = 0.04 / len(swaps) / (1 if same else 2)
+        yield Edit("order", share, partial(_connected_says, order), partial(_connected, order))
+        if not same:
+            how = words.fill("azimuths of {actuators} {} and {} are swapped", str(i + 1), str(j + 1))
+            says = stating("azimuths_elsewhere", how, how=how, given=given[i], found=given[j], line=line)
+            yield Edit("order", share, says, partial(lambda order, v, _: replace(v, azimuth=v.azimuth[:, :, order]), order))
+    rings = [order for order in orders(given).tolist() if sum(map(ne, order, columns)) > 2 and not equal(robot, order)]
+    for order in rings:  # where actuators are equal, these are azimuths
+        yield Edit("order", 0.02 / len(rings), partial(_connected_says, order), partial(_connected, order))
     driven, widest = np.flatnonzero(highest > 0), float(np.log(2e5))
     for k in driven.tolist():
         share, others = 1 / len(driven), highest[driven[driven != k]]
@@ -315,6 +346,10 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     roll = np.abs(sample.table.get("roll_deg", 0.0))
     if 0 < roll.max() < 2 * np.pi + 0.01:
         yield Edit("roll", 0.03, stating("roll_in_rad", "column roll_deg"), lambda v, _: replace(v, roll=np.degrees(v.roll)))
+
+
+def _connected(order: Sequence[int], v: Variants, own: Array) -> Variants:
+    return replace(v, pressure=v.pressure[:, :, order])
 
 
 def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Variants:
@@ -347,8 +382,7 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     robot = sample.robot
     mass = max(body_mass(robot), 1e-6)
     starts = tuple((share * mass,) for share in (-0.3, 0.3, 1.2))
-    yield Edit("weight", 0.1, apply=lambda v, own: replace(v, mass=np.maximum(v.mass + own, 0.0)), starts=starts,
-               bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)  # fmt: skip
+    yield Edit("weight", 0.1, apply=_heavier, starts=starts, bounds=((-0.5 * robot.tip_mass, 3 * mass),), left=True)
     yield Edit("weight", 0.1, apply=lambda v, own: replace(v, gravity=own[:, :, None] * v.gravity),
                starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)  # fmt: skip
     wander = np.eye(3)[:, None] * robot.length * np.linspace(-0.5, 0.5, len(sample.table))[:, None]  # over the campaign

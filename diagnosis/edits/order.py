@@ -11,7 +11,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
 
-from ..arrays import Array
+from ..arrays import Array, Ints
 from ..data.campaign import Campaign
 
 ORDER = "chamber_order"
@@ -19,6 +19,8 @@ ORDER = "chamber_order"
 ELSEWHERE, ENOUGH, SAME = np.cos(np.radians(45.0)), 0.05, 20.0
 """Cosine of the angle between push and tip from which a state contradicts the order, the share of states that do, and deg within
 which an actuator acts where one is stated."""
+UNEQUAL = 0.01
+"""Relative difference of distances from the axis, or of ends, up to which actuators are equal: they are known no better."""
 
 
 def leave_out(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
@@ -46,17 +48,28 @@ def apart(found: Array, given: Array) -> Array:
     return np.asarray(np.abs(np.mod(found - given + 180.0, 360.0) - 180.0))
 
 
-def swapped(found: Array, given: Array) -> tuple[int, ...]:
-    """Numbers of the two actuators that alone act elsewhere than given (n,) deg, each where the other is; empty if none do."""
-    moved = np.flatnonzero(apart(found, given) > SAME)
-    return () if len(moved) != 2 or (apart(found[moved], given[moved[::-1]]) > SAME).any() else tuple((moved + 1).tolist())
+def swapped(found: Array, given: Array) -> list[int]:
+    """(n,) the actuators in the order in which two alone act elsewhere than given (n,) deg, each where the other is; empty if
+    none do."""
+    order, moved = np.arange(len(given)), np.flatnonzero(apart(found, given) > SAME)
+    order[moved] = moved[::-1]
+    return [] if len(moved) != 2 or (apart(found, given[order]) > SAME).any() else order.tolist()
 
 
-def place_of(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
-    """Which order that the effect knows makes the robot's chambers act at these azimuths; None where none does."""
+def equal(robot: Robot, order: Sequence[int] | Ints) -> bool:
+    """Whether each actuator is like the one whose pressure it gets: then azimuths in this order predict the same."""
+    drive, count = robot.actuators, len(robot.actuators.azimuths_deg)
+    own = np.array([drive.levers, np.broadcast_to(drive.ends or robot.length, count)])
+    return bool((np.abs(own[:, order] - own) <= UNEQUAL * own).all())
+
+
+def place_of(robot: Robot, azimuths_deg: Sequence[float], connected: bool = False) -> int | None:
+    """Which order that the effect knows makes the robot's chambers act at these azimuths, as they do if they are `connected`
+    so or where those that change places are equal; None where none does."""
     given = np.array(robot.actuators.azimuths_deg)
     for place, order in enumerate(orders(given.tolist())):
-        if (order != np.arange(len(order))).any() and (apart(np.array(azimuths_deg)[order], given) < SAME).all():
+        acts_so = (order != np.arange(len(order))).any() and (apart(np.array(azimuths_deg)[order], given) < SAME).all()
+        if acts_so and (connected or equal(robot, order)):
             return place
     return None
 
@@ -72,6 +85,10 @@ def looks_like(robot: Robot, azimuths_deg: Array) -> str:
     """Say which order that the effect knows makes the actuators act at these azimuths, too; empty if none does."""
     if (place := place_of(robot, azimuths_deg.tolist())) is None:
         return ""
-    order = " ".join(str(k + 1) for k in orders(robot.actuators.azimuths_deg)[place])
-    count = len(azimuths_deg)
-    return robot.actuators.words.fill(f", or {{actuators}} 1 to {count} receive the {{pressures}} of {order}")
+    return f", or {as_connected(robot, orders(robot.actuators.azimuths_deg)[place])}"
+
+
+def as_connected(robot: Robot, order: Sequence[int] | Ints) -> str:
+    """Say whose pressures the actuators receive, as (actuators,) indices."""
+    whose = " ".join(str(k + 1) for k in order)
+    return robot.actuators.words.fill(f"{{actuators}} 1 to {len(order)} receive the {{pressures}} of {whose}")

@@ -66,10 +66,14 @@ def read(robot: Robot, table: Table) -> Reading:
     impossible, tips, elsewhere = implausible_values(robot, table)
     found = [(f, True) for f in _wrong_units(robot, table)]
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
-        found += (off := [] if impossible else [(f, False) for f in _off_axis(robot, tips)])
-        unseen = {f"m{f.values['number']}{axis}": np.full(len(table), np.nan) for f, _ in off for axis in "xyz"}
-        table, tips = table.replaced(unseen), tips.replaced({name: nan[: len(tips)] for name, nan in unseen.items()})
-        found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
+        off, enough = [] if impossible else [*_off_axis(robot, tips)], len(tips) >= judgement.EDIT_FEWEST
+        unseen = {f"m{f.values['number']}{axis}": np.full(len(table), np.nan) for f in off for axis in "xyz"}
+        without = tips.replaced({name: nan[: len(tips)] for name, nan in unseen.items()})
+        by_rod = [*_by_rod(robot, without)] if enough else []
+        if off and by_rod and _explains(robot, tips):
+            off, by_rod = [], [*_by_rod(robot, tips)]
+        table = table.replaced(unseen) if off else table
+        found += (*((f, False) for f in off), *by_rod)
     found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
     highest, mapped, words = float(np.nan_to_num(table.pressures).max(initial=0.0)), table.mapped, robot.actuators.words
     no_unit = mapped is not None and mapped.unit == "" and 0 < highest < plausible.LOWEST_USUAL
@@ -114,12 +118,24 @@ def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
             yield finding("marker_off_axis", number=k + 1, off=1e3 * float(off.min()), entry=entry)
 
 
-def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
-    """Findings about states with a tip, and whether they refuse the table; of a robot with effects, which are not in the rod,
-    only those that do."""
+def _explains(robot: Robot, tips: Table) -> bool:
+    """Whether the mistakes that tips and markers show together, such as another frame, bring the markers to their places."""
+    from .search import judged
+
+    sample = _sampled(robot, tips)
+    by_edits = judged(sample) if sample is not None else None
+    return by_edits is not None and by_edits.chosen is not None and not [*_off_axis(*by_edits.corrected(tips))]
+
+
+def _sampled(robot: Robot, tips: Table) -> Sample | None:
+    """The states with a tip that are compared, of the robot without effects, which are not in the rod."""
     plain = robot.model_copy(update={"effects": {}, "tolerances": {}})
-    sample = sample_of(plain, campaign_of(tips, np.arange(len(tips)), np.arange(0)))
-    if sample is None:
+    return sample_of(plain, campaign_of(tips, np.arange(len(tips)), np.arange(0)))
+
+
+def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
+    """Findings about states with a tip, and whether they refuse the table; of a robot with effects only those that do."""
+    if (sample := _sampled(robot, tips)) is None:
         return
     moved, findings = float(sample.rms(sample.table.tip - sample.table.tip.mean(axis=0))), list[Finding]()
     least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
@@ -149,7 +165,7 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     far = float(np.median(np.linalg.norm(missed, axis=1))) > judgement.EDIT_FAR * robot.length
     for f in findings:
         refuse = f.values.get("p", 0.0) > judgement.CAUSE_PROBABILITY and (f.code in UNITS or (f.code in FRAMES and far))
-        if refuse or plain == robot:
+        if refuse or not (robot.effects or robot.tolerances):
             yield f, refuse
 
 

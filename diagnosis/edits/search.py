@@ -88,11 +88,8 @@ class Edited:
         """Other states with the same edits, but for those of one campaign alone."""
         if self.fit is None:
             return states
-        made = Variants.of(self.robot, states.trials).calibrated(_beyond_usual(self.fit)[None])
-        for edit, own in zip(self.fit.edits, self.fit.own, strict=True):
-            if not (edit.of_this_campaign or edit.left or (self.with_order and edit.kind == "order")):
-                made = edit.apply(made, own[None])
-        return replace(states, trials=made.written()[1])
+        own = {e.kind for e in self.fit.edits if e.of_this_campaign or (self.with_order and e.kind == "order")}
+        return replace(states, trials=corrected(self.robot, states.trials, self.fit, _beyond_usual(self.fit), own)[1])
 
 
 def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> Edited:
@@ -196,6 +193,11 @@ class Judged:
         robot, fit = self.sample.robot, self.chosen
         return () if fit is None else tuple(f for edit, own in mistakes(robot, fit) for f in self.said(edit, own, fit))
 
+    def corrected(self, table: Table) -> tuple[Robot, Table]:
+        """Robot and table with the mistakes of the most probable fit."""
+        fit = self.chosen or self.fits[0]
+        return corrected(self.sample.robot, table, fit, _beyond_usual(fit))
+
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
         return edit.findings(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit, own, fit))
@@ -220,6 +222,14 @@ def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
     return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own)]
 
 
+def corrected(robot: Robot, table: Table, fit: Fit, theta: Array, left_out: Collection[str] = ()) -> tuple[Robot, Table]:
+    """Robot and table with calibrations theta (8,) and the mistakes of a fit, but for those of the kinds `left_out`."""
+    made = Variants.of(robot, table).calibrated(theta[None])
+    for edit, own in mistakes(robot, fit):
+        made = made if edit.kind in left_out else edit.apply(made, own[None])
+    return made.written()
+
+
 def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Collection[str]) -> Edited:
     """Robot and states with the edits of a fit."""
     theta = _beyond_usual(fit)
@@ -228,19 +238,14 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     place = _place(robot, fit, theta) if weighed else None
     if place is not None:
         theta[AZIMUTH] = 0.0
-    made = Variants.of(robot, states.trials).calibrated(theta[None])
-    changes: list[Finding] = []
-    for edit, own in mistakes(robot, fit):
-        if place is not None and edit.kind == "order":
-            changes[:0] = found.said(edit, own, fit)
-        else:
-            made = edit.apply(made, own[None])
-            changes += found.said(edit, own, fit)
-    corrected, table = made.written()
+    as_effect = {"order"} if place is not None else set[str]()
+    made, table = corrected(robot, states.trials, fit, theta, as_effect)
     if place is not None:
-        corrected = with_order(corrected, place)
+        made = with_order(made, place)
+    stated = sorted(mistakes(robot, fit), key=lambda one: one[0].kind not in as_effect)
+    changes = tuple(text for edit, own in stated for text in found.said(edit, own, fit))
     before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
-    return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
+    return Edited(made, replace(states, trials=table), changes, before, after, fit, place is not None)
 
 
 def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
@@ -252,6 +257,6 @@ def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
     numbered = Table({name: np.array([float(k)]) for k, name in enumerate(columns)})
     azimuth = (theta * (np.arange(8) == AZIMUTH))[None]
     made = edit.apply(Variants.of(robot, numbered).calibrated(azimuth), np.zeros((1, len(edit.bounds))))
-    acting = np.empty(len(columns))
-    acting[made.pressure[0, 0].astype(np.int64)] = made.azimuth[0, 0]
-    return place_of(robot, acting.tolist())
+    acting, order = np.empty(len(columns)), made.pressure[0, 0].astype(np.int64)
+    acting[order] = made.azimuth[0, 0]
+    return place_of(robot, acting.tolist(), connected=bool((order != np.arange(len(order))).any()))

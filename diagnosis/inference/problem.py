@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
-from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, NAMED_SIZES, TENSE_SD
+from ..judgement import BEYOND_SD, GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, NAMED_SIZES, TENSE_SD
 from .discrepancy import SmoothErrors
 from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
@@ -42,6 +42,7 @@ class FitParameter:
     exact: bool = False
     least: float = 0.0
     recurs: bool = False
+    lasts: bool = True
 
 
 class FitForward(Protocol):
@@ -199,10 +200,13 @@ class FitParameters:
         free = (slope.take(chosen).whole if isinstance(slope, Columns) else slope[:, chosen]) * self.sd[chosen] * unit
         return columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0] if free.size else columns
 
-    def tense(self, theta: Array) -> dict[int, float]:
-        """Calibration and tolerances of the whole set-up that lie more than `TENSE_SD` from 0 at parameters (k,), by index."""
-        far = ~self.of_effect & ~self.recurs & (np.abs(theta) > TENSE_SD * self.sd)
-        return {i: float(theta[i]) for i in np.flatnonzero(far).tolist()}
+    def tense(self, *fits: Array) -> dict[int, float]:
+        """Calibration and tolerances of the whole set-up that lie more than `BEYOND_SD` from 0 at the parameters (k,) of each of
+        some fits, by index, as the first has them; none unless one of them, or of what drifts, lies more than `TENSE_SD` from
+        there."""
+        away = np.min([np.abs(theta) / self.sd for theta in fits], axis=0) * (~self.of_effect & ~self.recurs)
+        least = np.where([i.lasts for i in self.infos], BEYOND_SD, TENSE_SD)
+        return {i: float(fits[0][i]) for i in np.flatnonzero((away > least) & (away.max(initial=0.0) > TENSE_SD)).tolist()}
 
     def mask(self, chosen: tuple[str, ...]) -> Mask:
         """(p,) which of the effects' parameters belong to the chosen effects."""

@@ -93,9 +93,9 @@ class Parameter:
     def of(self, scales: Scales) -> Parameter:
         """The same with all numbers of a robot with these scales."""
         unit = self.proportional_to or self.unit
-        factor = scales.of(unit) / STANDARD.of(unit)
+        factor, mass = scales.of(unit) / STANDARD.of(unit), scales.tip_mass * (unit == "kg")
         scaled = {name: factor * getattr(self, name) for name in ("scale", "low", "high", "least")}
-        scaled["scale"] = max(scaled["scale"], scales.tip_mass * (unit == "kg"))
+        scaled |= {"scale": max(scaled["scale"], mass), "low": min(scaled["low"], -mass * (self.low < 0))}
         return replace(self, **scaled, starts=tuple(factor * start for start in self.starts))
 
 

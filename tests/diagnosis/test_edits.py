@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from diagnosis.answer.sentences import stands_for
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of
 from diagnosis.diagnose import Options, diagnose
@@ -24,6 +25,7 @@ from model.body import body_of
 from model.condition import conditions
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects.laws.actuation import orders
+from model.effects.scales import scales
 from model.errors import BadEffect
 from model.prediction.predictor import Predictor
 from model.robot import Robot, robot_from_dict
@@ -188,7 +190,7 @@ def test_the_cause_is_found_and_fitted_around_the_calibrated_robot(case: Measure
     told: Any = found.detail["first_calibration"]
     assert len(told["adjusted"]) == 1
     assert found.calibration is not None and found.calibration.modulus == pytest.approx(1 / 2.4, rel=0.15)
-    assert "determine only the ratio" in found.statement
+    assert "these data determine only the ratio of its stiffness to the area factor" in found.statement
     gap = found.waterfall
     assert gap is not None and gap.given_mm > 4 * gap.steps[0].left_mm  # as robot.yaml stands, not as it was calibrated
     fitted = fit_effects(there, ("chamber_azimuth",))
@@ -333,6 +335,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "one column of pressures in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
     "cameras moved": (lambda r: (r, moved_at(read(r, repeats=3), 8)), ("frame moved by 4.0 mm at trial 8",)),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
+    "mass ten times too large": (lambda r: (r.replace(tip_mass=10 * r.tip_mass), read(r)), ("tip_mass ", "g instead of ")),
     "marker elsewhere": (lambda r: (marked(r, 0.4, 0.62), read(marked(r, 0.4, 0.7))), ("marker 2 is at arc", "`markers: [")),
     "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("all positions hold cm read as m (p", "x 0.01)")),
     "cm read as mm": (lambda r: (r, placed(read(r), lambda tip: 0.1 * tip)), ("all positions hold cm read as mm (p", "x 10)")),
@@ -451,6 +454,10 @@ def test_a_marker_on_the_skin_is_named_with_its_entry_and_kept_once_that_is_writ
         (said,) = judge_table(robot, table).asked
         entry = re.findall(r"`{arc_length: (\S+) mm, offset: \[(\S+) mm, (\S+) mm\]}`", said)
         np.testing.assert_allclose(np.array(entry, float)[0], 1e3 * np.array([along, *offset]), atol=1.0)
+        unturned = table.replaced(columns(ORIENTATION, np.full((len(table), 4), np.nan)))
+        found = judge_table(stated, in_frame(unturned, np.diag([-1.0, -1.0, 1.0])))  # beside the axis, the marker tells which
+        assert re.match("the cameras' frame is turned by 180 deg about .*1] .p = 1.00", found.asked[0]) and len(found.asked) == 1
+        assert np.isfinite(found.table.markers).all()
 
 
 def in_frame(table: Table, axes: Any) -> Table:
@@ -486,6 +493,29 @@ def test_two_that_are_swapped_are_named_as_such_also_where_they_are_an_effect_or
         assert edit_first(FINGER, swap, effects).headline.startswith("Chambers 2 and 3 are swapped (p = ")
 
 
+def test_chambers_that_differ_change_places_by_pressures_or_by_azimuths_and_one_remedy_is_no_other() -> None:
+    drive = {"radius": 0.004, "path_radius": [0.0105, 0.009, 0.0105, 0.0075], "azimuths_deg": [0.0, 90.0, 180.0, 270.0]}
+    four = FINGER.replace(chambers=drive, gravity=[0.0, 0.0, 9.81])
+    ring = read(four, lambda p: p[:, [1, 2, 3, 0]])
+    for described, table, as_effect, said in (
+        (
+            turned(four, -90),
+            read(four),
+            False,
+            r"(?!.* receive ).*all azimuths are 90 deg off .*write `azimuths_deg: \[0, 90, 180, ",
+        ),
+        (
+            four,
+            ring,
+            True,
+            r"chambers 1 to 4 receive the pressures of 2 3 4 1 \(p = .* hold what is now p2, p3, p4, p1, or reconnect",
+        ),
+        (four, read(four, acted({}, (0, 1))), False, r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"),
+    ):
+        first = edit_first(described, campaign(table), ("chamber_order",))
+        assert re.match(said, str(first.changes[0])) and first.with_order == as_effect and first.after < 1e-3, first.changes
+
+
 def test_another_order_that_these_states_cannot_tell_from_the_one_that_is_made_is_stated_beside_it() -> None:
     five = FINGER.model_copy(update={"chambers": FINGER.chambers.model_copy(update={"azimuths_deg": (0, 72, 144, 216, 288)})})
     (change,) = edit_first(five, campaign(read(five, acted({}, (2, 3))))).changes
@@ -501,3 +531,19 @@ def test_a_bending_stiffness_with_a_digit_too_many_is_named(factor: float) -> No
     first = edit_first(FINGER.replace(bending_stiffness=factor * stiffness), campaign(read(FINGER)))
     assert re.fullmatch(r"bending_stiffness \S+ N m\^2 instead of \S+ N m\^2 \(p = (0.9\d|1.00)\).*", str(first.changes[0]))
     assert first.robot.bending_stiffness == pytest.approx(stiffness, rel=0.2)
+
+
+def test_a_weight_in_the_place_of_numbers_beyond_their_tolerance_is_stated_with_them_and_each_number_once() -> None:
+    known = {"youngs_modulus": 0.01, "area_factor": 0.5, "frame_shift": 5e-3, "length": 5e-3, "tilt": 0.05, "frame_turn": 0.05}
+    hanging = FINGER.replace(gravity=[0.0, 0.0, 9.81], uncertainty=known, thrust="cap")
+    some = {id: CATALOGUE[id] for id in ("tip_payload", "chamber_azimuth")}
+    heavier = read(hanging.replace(tip_mass=hanging.tip_mass + 0.01))
+    found = diagnose(Measured(hanging, heavier), Options(experiments=False, catalogue=some))
+    (first,) = (str(f) for f in found.findings if f.code == "beyond_tolerance")
+    weight = re.search(r"or load at the tip .tip_payload. .(\S+) g, with which all of these would stay within", first)
+    assert weight is not None and 8 < float(weight[1]) < 12
+    (softer,) = re.findall(r"youngs_modulus (\S+) % below robot.yaml", first)
+    assert f"a body {softer} % softer" in found.headline and f"with {1 - float(softer) / 100:.2f} times" in found.statement
+    assert stands_for(found.calibration, found.words) == ""
+    most = FINGER.replace(tip_mass=0.09)  # all that is stated to hang there may be too much
+    assert some["tip_payload"].parameters[0].of(scales(most)).low == -most.tip_mass

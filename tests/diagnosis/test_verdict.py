@@ -29,7 +29,7 @@ from diagnosis.answer.result import (
     Value,
     Waterfall,
 )
-from diagnosis.answer.sentences import changed_by, numbers_beyond, stands_for, statement
+from diagnosis.answer.sentences import as_stiff, changed_by, numbers_beyond, stands_for, statement
 from diagnosis.answer.size import Size
 from diagnosis.answer.verdict import conclude, doubts, rivals
 from diagnosis.criticism.stage_errors import StageError
@@ -134,7 +134,11 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert "by 0.60 mm on unseen states, which is no better: no area factor" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
-    assert "(1.00 as stated, with 1.06 times" in statement(replace(found, calibration=Calibration(0.998, 1.0, 1.06)))
+    both, ratio, same = (Calibration(area, 1.0, 1.06, determined=area == 0.998) for area in (0.998, 0.96, 1.06))
+    assert "(1.00 as stated, with 1.06 times the modulus)" in statement(replace(found, calibration=both))
+    one = "(a body 10 % stiffer: these data determine only the ratio of its stiffness to the area factor)"
+    assert one in statement(replace(found, calibration=ratio))  # no other number of what is not known by itself
+    assert as_stiff(same) == "as stiff as stated" and "only the ratio" not in statement(replace(found, calibration=same))
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
     found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("tilt.x", 0.009, 0.0035, "rad", 2),)))
@@ -302,6 +306,9 @@ def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_
     p = parameters(parameter("contact", "contact"), parameter("youngs_modulus", sd=0.02), parameter("density", sd=0.1), area)
     moved = p.tense(np.array([9.0, -0.12, 0.7, -0.57]))
     assert moved == {1: -0.12, 2: 0.7, 3: -0.57}
+    assert [*p.tense(np.array([9.0, -0.12, 0.3, 0.1]))] == [1, 2]  # beside one far beyond, all that are beyond
+    assert p.tense(np.array([9.0, -0.06, 0.3, 0.1])) == {}
+    assert p.tense(np.array([9.0, -0.12, 0.7, 0.1]), np.array([0.0, -0.5, 0.0, 0.1])) == {1: -0.12}
     robot = load(paper_robot(), Robot)
     stiff = robot.model_copy(update={"bending_stiffness": 0.1})
     assert str(next(numbers_beyond(p, moved, stiff))).startswith("bending_stiffness 12 % below")
