@@ -44,7 +44,6 @@ from .data.shift import shifted
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
 from .findings import Finding, finding
-from .fit_residual import learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
@@ -206,7 +205,7 @@ def fit_described(
     progress("step 3 of 4: effects", 0.0)
     known = {**start, AREA: p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))}
     begin = [np.array([known.get(name, 0.0) for name in p.problem.parameters.names])] if start else []
-    fitted = search.fitted(named, begin)
+    fitted = search.fitted(named, [baseline.theta, *begin])
     progress("step 4 of 4: tolerances", 0.0)
     main = campaign.main
     # what recurs or drifts is at its expectation
@@ -217,17 +216,18 @@ def fit_described(
     stated, posterior = _posterior(p, fitted, rms_after)
     described, left_out = _written(robot, p, named, stated, posterior), None
     if residual:
+        from .fit_residual import learn_residual  # with scipy.optimize, an eighth of the start, which only a residual needs
+
         pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
         learnt, left_out = learn_residual(campaign.trial[main], pressure, length, missed)
         described = described.model_copy(update={"residual": learnt})
     names, covariance = described.joint_uncertainty()
     own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
-    theta = fitted.fit.theta
-    tense = p.problem.parameters.tense(theta)
+    tense = p.problem.parameters.tense(fitted.fit.theta)
     factor, numbers = p.area_factor(baseline.theta), AXES * len(campaign)
     area = AreaFit(Estimate(factor, stated[AREA_FACTOR].sd, numbers, numbers, rms(before) / math.sqrt(AXES)))
-    findings = (*tracked_turn(p, theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
+    findings = (*tracked_turn(p, fitted.fit.theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
         trials=len(np.unique(campaign.trial)), area_factor=area, findings=findings,

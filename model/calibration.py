@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from model.arrays import Array
 from model.body import annulus_second_moment, body_of
@@ -105,6 +104,8 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
         return np.where(result.converged[:, None], result.tip - measured, robot.length).ravel()
 
     start = float(np.mean(robot.area_factor_at(condition.spine_length)))
+    from scipy.optimize import least_squares  # an eighth of the start of a diagnosis, which does not need it
+
     solution = least_squares(residuals, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
     value = float(solution.x[0])
     # The search stays inside its bounds: a value that would leave them ends just short of one.

@@ -293,18 +293,18 @@ class Search:
             return []
         return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
-    def fitted(self, named: Hypothesis, more: Sequence[Array] = ()) -> Candidate:
+    def fitted(self, named: Hypothesis, more: Sequence[Array]) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched to convergence from each of its starts and from `more`
-        (k,) parameters. Where a discrepancy takes up what a hypothesis misses, it is searched without one too, also from where
-        the robot was calibrated without one: the evidence decides."""
+        (k,) parameters, the first those of the robot calibrated without a discrepancy. Where a discrepancy takes up what a
+        hypothesis misses, it is searched without one too: the evidence decides."""
         none = begun = self._none[False]
         if named:
             (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
         sizes = begun.grid_point.size, 0.0
-        points: list[Array | Fit] = [begun.fit, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta, *more]
+        points: list[Array | Fit] = [begun.fit, *more]
         # a calibration is nearly linear: each size has one start
-        each = itertools.product({*sizes}, points) if named or more else zip(sizes, points, strict=True)
+        each = itertools.product({*sizes}, points) if named or len(more) > 1 else zip(sizes, points, strict=True)
         ends = (self.fit(named, False, size, at, LAST_ROUNDS, least_promise=WRITTEN_PROMISE) for size, at in each)
         return max((self._weigh(named, end, False) for end in ends), key=_evidence)
 

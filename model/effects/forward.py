@@ -41,6 +41,8 @@ AT_ONCE = 512
 """Rods of which derivatives by all motions are held at once."""
 HARD_KEPT = 8
 """Points of which equilibria are kept that were hard to find."""
+FEW = 8192
+"""Values of varied slots, one a state, up to which calls take longer than what is computed for nothing."""
 
 
 @dataclass(frozen=True)
@@ -420,9 +422,8 @@ class ForwardModel:
 
         `moving`: with what drives memory, even where nothing remembers. `trial`, `whole`: see `predict`. `also`: sources whose
         laws are applied even at size zero."""
-        points = self._points  # another thread may put others in its place
-        is_kept = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
-        here = points[is_kept.index(True)] if any(is_kept) else self._solve(theta, trial, also, whole)
+        kept = [p for p in self._points if np.array_equal(p.theta, theta) and (trial or p.settled)]
+        here = kept[0] if kept else self._solve(theta, trial, also, whole)
         if moving and not here.bare.inside:
             bare = look_inside(here.bare)
             here = replace(here, bare=bare, driven=self._drive(here.built, bare.result[None]))
@@ -430,9 +431,8 @@ class ForwardModel:
         return here
 
     def _keep(self, here: _At) -> None:
-        others = [p for p in self._points if not np.array_equal(p.theta, here.theta)]
         # a search predicts where it then linearises
-        self._points = (here, *others)[:2]
+        self._points = (here, *(p for p in self._points if not np.array_equal(p.theta, here.theta)))[:2]
 
     def _with_sources(self, here: _At, sources: frozenset[int]) -> _At:
         """The point `here` with the laws of `sources` applied, too, so that it can be differentiated by those of size zero. Its
@@ -489,8 +489,7 @@ class ForwardModel:
     def _drive(self, built: RodColumns, results: Array) -> Array:
         """(v, full, DRIVES) from results (v, m, columns)."""
         n = len(self._full)
-        own = (built.length(part) for part in (at.INNER, at.OUTER))
-        lengths = [np.broadcast_to(long, (len(long), n)) for long in own]
+        lengths = [np.broadcast_to(long, (len(long), n)) for long in map(built.length, (at.INNER, at.OUTER))]
         return drive([long[:, self._in_bare] for long in lengths], results, self._in_bare, n)
 
     def _memory(self, q: Quantities, built: RodColumns, driven: Array, spread: Spread) -> Array:
@@ -522,12 +521,12 @@ class ForwardModel:
             yield [slots.index(k) for k in of_stage] + [len(slots) + k for k in range(len(inputs.by))], slope
 
     def _by_stage(self, slots: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Slots that enter at the same stage; those that change readings alone by themselves."""
+        """Slots that enter at the same stage, or few of all stages; those that change readings alone by themselves."""
         by_stage: dict[tuple[bool, str], list[int]] = {}
         for k in slots:
             spec = self._table.source_of(k).spec
             moves_rod = spec.law.before is not None or spec.law.path is not None
-            by_stage.setdefault((moves_rod, spec.stage), []).append(k)
+            by_stage.setdefault((moves_rod, spec.stage if len(slots) * len(self._full) > FEW else ""), []).append(k)
         return [tuple(of_stage) for of_stage in by_stage.values()]
 
     def _varied(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Varied:

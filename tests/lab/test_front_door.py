@@ -54,7 +54,7 @@ NEAR = "import lab, pandas; lab.case(pandas.read_csv('trials.csv'), 'robot.yaml'
         (GUARD, {*HEAVY, "numpy", "mcap", "sim_fakes", "google.protobuf", "rich"}),
         ("import lab.verbs.safe", {*HEAVY, "numpy", "model", "mcap", "drivers", "pydantic"}),
         ("import lab.verbs.check", HEAVY),
-        ("import lab.verbs.compare", {"matplotlib", "drivers"}),
+        ("import lab.verbs.compare, lab.verbs.diagnose", {"matplotlib", "drivers", "scipy.optimize", "scipy.spatial"}),
         (NEAR, {"scipy.special", "scipy.optimize", "scipy.spatial", "scipy.interpolate", "matplotlib", "drivers"}),
     ],
     ids=["lab", "read", "load_robot", "guard", "safe", "check", "compare", "case"],
