@@ -46,7 +46,7 @@ def load_robot(path: Place) -> Robot:
 def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str, Any] | None = None, **keys: Any) -> Case:
     """Recordings (.mcap) and case folders as one: `case.robot`, and `case.table` with a row a state.
 
-    `robot`: a robot.yaml, or a Robot, instead of the one in the input. Raises ConfigError, RecordingError.
+    `robot`: a robot.yaml or Robot in place of the input's. Raises ConfigError, RecordingError.
 
     >>> measured = case("campaign")
     >>> len(measured.table), measured.table["x"].shape
