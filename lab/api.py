@@ -46,7 +46,7 @@ def load_robot(path: Place) -> Robot:
 def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str, Any] | None = None, **keys: Any) -> Case:
     """Recordings (.mcap) and case folders as one: `case.robot`, and `case.table` with a row a state.
 
-    `robot`: a robot.yaml instead of the one in the input. Raises ConfigError, RecordingError.
+    `robot`: a robot.yaml or Robot in place of the input's. Raises ConfigError, RecordingError.
 
     >>> measured = case("campaign")
     >>> len(measured.table), measured.table["x"].shape
@@ -62,10 +62,10 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
         return _warned(_case_of_frame(*inputs, robot=robot, columns=columns, keys=keys))
     if not inputs:
         raise ConfigError("case: nothing is given; give recordings, a case folder, or a DataFrame and its robot")
-    if columns or keys or isinstance(robot, Robot):
-        given = ", ".join([*(["columns"] if columns else []), *keys]) or "a Robot"
-        raise ConfigError(f"case: {given}: only with a DataFrame; give the path of robot.yaml, or lab import")
-    return _warned(read_case([Path(place) for place in inputs], None if robot is None else Path(robot)))
+    if columns or keys:
+        given = ", ".join([*(["columns"] if columns else []), *keys])
+        raise ConfigError(f"case: {given}: only with a DataFrame; of a file, lab import writes a case folder by a map")
+    return _warned(read_case([Path(place) for place in inputs], Path(robot) if isinstance(robot, str) else robot))
 
 
 def _warned(made: Case) -> Case:

@@ -24,7 +24,7 @@ from .parameters import Jam, Settle, SpineMotion
 from .suspension import through_jams, through_pauses
 
 Branch = Literal["load", "unload"]
-TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
+TOPICS = ("/pressure", "/spine", "/vacuum")
 AVERAGE, LEAST_AVERAGE = 0.2, 1.0
 """Share of its hold over which a state at a fixed time is averaged, and the shortest average, s."""
 PREPARING_VISITS = 10.0
@@ -174,8 +174,8 @@ class Walk:
         """Read one state; rig times (s) from which the rule looks and at which the ramp ended."""
         due = rule.delay + rule.average if isinstance(rule, Window) else rule.timeout
         return self.trials.read(
-            self.trial, rule, branch=branch, t_start=start, ramp_end=arrived, rate=rate, targets=pressures, topics=TOPICS,
-            wait=due + 30.0,  # s for which the end of a state is awaited
+            self.trial, rule, branch=branch, t_start=start, ramp_end=arrived, rate=rate, targets=pressures,
+            topics=(*TOPICS, *["/tip"] * (self.bench.mocap is not None)), wait=due + 30.0,  # s, for the end of a state
         )  # fmt: skip
 
 

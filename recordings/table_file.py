@@ -192,7 +192,7 @@ def checked(
     table = Table({name: column.astype(np.int64) if name in INTEGERS else column for name, column in columns.items()}, ignored)
     first = np.unique(np.column_stack([table.trial, table["step"]]), axis=0, return_index=True)[1]
     again = ~np.isin(np.arange(len(table)), first)
-    copy = table.to_pandas().duplicated().to_numpy() if again.any() else again
+    copy = table.to_frame().duplicated().to_numpy() if again.any() else again
     said = f" appears more than once (such rows: {again.sum()}; of these equal in every cell, and left out: {copy.sum()})"
     doubts = _doubts(table) + [f"{table.place(i)}{said}" for i in np.flatnonzero(again)[:1].tolist()]
     return replace(table.take(~copy), warnings=tuple(doubts))

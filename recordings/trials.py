@@ -446,7 +446,7 @@ class Table:
         """Unit of each column; "1" for a pure number, empty where the input does not state it."""
         return {name: unit_of(name) or self.sensor_units.get(name.removeprefix("sd_"), "") for name in self.columns}
 
-    def to_pandas(self) -> DataFrame:
+    def to_frame(self) -> DataFrame:
         """A DataFrame with a row per state, SI units; `.attrs["units"]` has the unit of each column."""
         import pandas  # a second, which most uses of a table do not need
 
@@ -463,7 +463,7 @@ class Table:
         return f"<Table: {counted(len(self), 'state')} in {' and '.join(each) or 'no trial'}{spine}; {measured}>"
 
     def _repr_html_(self) -> str:
-        return str(self.to_pandas().to_html(max_rows=20))
+        return str(self.to_frame().to_html(max_rows=20))
 
 
 def counted(number: int, noun: str) -> str:

@@ -128,6 +128,7 @@ def attribute(
         second=w.budget.second(decision.effects) if decision.effects else {},
     )
     stated = [h for h, p in ranked.ranking[:LISTED] if p >= LEAST_STATED and h not in (NONE, UNKNOWN, decision.effects)]
+    stated = [h for h in stated if ranked.candidates[h].named == h]  # not another that holds it
     return Attribution(
         prepared=p,
         posterior=ranked,

@@ -78,7 +78,8 @@ def doubted(d: Decision, why: Sequence[object], as_good: int) -> Decision:
     most = judgement.DOUBTED_PROBABILITY if why else 1.0
     kept = min(1 / (1 + as_good), most / max(d.probability, most))
     shared = d.probability / (1 + as_good)
-    return replace(d, probability=min(shared, most), outside=1 - kept * (1 - d.outside), limited=bool(why) and shared >= most)
+    limited = d.limited or (bool(why) and shared >= most)
+    return replace(d, probability=min(shared, most), outside=1 - kept * (1 - d.outside), limited=limited)
 
 
 def outside_at_most(d: Decision, probability: float) -> Decision:
@@ -110,4 +111,5 @@ def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, clos
     if d.verdict != "unknown" or not d.enough or not best or not followed or not within:
         return d
     most = judgement.DOUBTED_PROBABILITY
-    return replace(d, verdict="effect", effects=best, probability=most * posterior.probability(best) / within, outside=1 - most)
+    probability = most * posterior.probability(best) / within
+    return replace(d, verdict="effect", effects=best, probability=probability, outside=1 - most, limited=True)

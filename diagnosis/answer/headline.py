@@ -110,7 +110,8 @@ def sized(v: Value, words: Words = Chambers.words) -> str:
         return f"at its bound {number:.3g} {unit}".rstrip() + f" (95 %: {'up to' if v.bound == 'low' else 'from'} {end:.3g})"
     if v.unit == "ln":
         return f"{number:.3g} {unit} (± {100 * math.expm1(v.sd):.0f} %)"
-    return f"{number:.3g} ± {for_people(v.sd, v.unit, words)[0]:.2g} {unit}".rstrip()
+    spread = f" ± {for_people(v.sd, v.unit, words)[0]:.2g}" * bool(v.sd)  # none of what was taken, and not fitted
+    return f"{number:.3g}{spread} {unit}".rstrip()
 
 
 def headline(

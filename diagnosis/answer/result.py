@@ -223,12 +223,14 @@ class Ranked:
     effects: tuple[str, ...]
     """Empty for none, `("unknown",)` for a cause outside the catalogue."""
     probability: float
-    log_evidence: Number  # NaN of a cause outside the catalogue, and of a fit that was not searched to its end
+    log_evidence: Number  # NaN of a cause outside the catalogue, and of what was not fitted by itself or not to its end
     heldout_rmse_mm: float | None
     """Not computed for hypotheses of little weight."""
     parameters: Mapping[str, Value]
     limited: bool = False
     """As `Decision.limited`."""
+    in_words: Mapping[str, str] = field(default_factory=dict)
+    """Effect -> what it makes of each actuator, where its parameters do not say it."""
 
 
 @dataclass(frozen=True)
@@ -408,6 +410,14 @@ class Diagnosis(Shown):
         return [f.text for f in self.findings if f.severity in severities and not self.statement.startswith(f.text)]
 
     @property
+    def lines(self) -> list[str]:
+        """What the command prints before its tables, and `print` in Python: what to settle first, headline, statement, notes."""
+        first = [f"settle first: {text}" for text in self.texts("critical")]
+        notes = [f"  note: {text}" for text in self.texts("warning", "note")]
+        change = "" if self.change is None else self.change.statement
+        return [*filter(None, [*first, self.headline, self.statement, *notes, change])]
+
+    @property
     def concerns(self) -> list[str]:
         """Texts of all findings, which stand in diagnosis.json too."""
         return self.texts(*get_args(Severity))
@@ -426,9 +436,8 @@ class Diagnosis(Shown):
         return f"<Diagnosis: {self.headline or self.statement}>"
 
     def __str__(self) -> str:
-        first, against = ([f"- {text}" for text in self.texts(severity)] for severity in ("critical", "warning"))
         following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment[:1]]
-        return "\n".join([*[self.headline] * bool(self.headline), *first, self.statement, *against, *following])
+        return "\n".join([*self.lines, *following])
 
     def _columns(self) -> dict[str, Any]:
         ranking = self.attribute.ranking

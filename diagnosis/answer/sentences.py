@@ -139,8 +139,9 @@ def _gap(d: Diagnosis) -> str:
     each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in moved]
     each[3:] = each[3:] if d.fitted is None or len(each) < 4 else [counted(len(each) - 3, "more number")]
     set_up = f" ({'; '.join(each)}{': measure again' * (d.fitted is None)})" if each else ""
+    on_walls = " but with `thrust: walls`" * any(f.code in ("thrust_settled", "thrust_likely") for f in d.findings)
     return (
-        f"Uncalibrated, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
+        f"Uncalibrated{on_walls}, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
         f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{set_up}, by "
         f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )

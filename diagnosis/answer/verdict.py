@@ -14,7 +14,7 @@ too little data   the table does not suffice to name a cause
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -28,6 +28,7 @@ from ..criticism.relatives import PLACES, RELATIVES, named_places
 from ..criticism.stage_errors import StageError
 from ..data.case import lacking
 from ..findings import Finding, finding
+from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 from ..inference.prepare import Prepared
@@ -35,7 +36,7 @@ from .attribute import Attribution
 from .decision import Decision, share_closed
 from .distinguishability import visible
 from .result import Attribute, Carries, Conclusion, Data, FittedRobot, Ranked, Role, Shrink, Value
-from .size import Size, values
+from .size import Size, by_actuator, values
 
 
 def data_section(p: Prepared, table: Table) -> Data:
@@ -62,21 +63,23 @@ def attribute_section(
     `significant`: the gap is above the noise floor somewhere; `heldout`: mm rms of hypotheses on unseen states; `fitted`:
     the robot with the named effects, whose sizes are stated; `doubtful`: robot.yaml is too far from the data to name a cause.
     """
-    d = f.decision
+    d, robot, specs = f.decision, f.prepared.robot, f.prepared.forward.catalogue
     leading, others = f.posterior.ranking[: judgement.LISTED], f.posterior.ranking[judgement.LISTED :]
     ranked = []
     for named, probability in (*leading, *(x for x in others if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
         own = candidate if named == d.effects else f.alone.get(named)
-        size = () if own is None else f.sizes(own, fitted)
+        found = {} if own is None else values(tuple(s for s in f.sizes(own, fitted) if s.effect in named))
         answered = named == (d.effects if d.verdict == "effect" else UNKNOWN)
         if d.verdict != "none":  # doubts take from all answers of the catalogue alike
             left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
             probability = d.probability if answered else d.outside if named == UNKNOWN else left * probability
         limited = d.limited and answered
-        c = max((candidate, own or candidate), key=lambda c: c.log_evidence)
-        evidence = c.log_evidence if named != UNKNOWN and c.fit.predicted_decrease < judgement.SEPARATED_EVIDENCE else np.nan
-        ranked.append(Ranked(named, probability, evidence, heldout.get(named), values(size), limited))
+        evidence = own_evidence(named, (candidate, f.best, own))
+        unseen = heldout.get(named) if evidence is not None or named == d.effects else None
+        factors = (by_actuator(robot, specs[e], found) for e in named if e in specs)
+        in_words = {one.effect: one.says(robot.actuators.words) for one in factors if one is not None}
+        ranked.append(Ranked(named, probability, np.nan if evidence is None else evidence, unseen, found, limited, in_words))
     return Attribute(
         **vars(d),
         credible_set=f.posterior.credible_set,
@@ -86,9 +89,17 @@ def attribute_section(
         conclusion=conclude(d, significant, f.stage_errors, doubtful or bool(why)),
         rivals=rivals(d, f.posterior) if d.probability < judgement.CAUSE_PROBABILITY else (),
         doubts=tuple(map(str, why)),
-        missing=tuple(map(f.prepared.robot.actuators.words.fill, lacking(f.prepared.states))),
+        missing=tuple(map(robot.actuators.words.fill, lacking(f.prepared.states))),
         at_places=at_places(f),
     )
+
+
+def own_evidence(named: Hypothesis, candidates: Iterable[Candidate | None]) -> float | None:
+    """Largest log evidence of fits of just this hypothesis, which no other stands for; NaN where none was searched to its end,
+    None where there is none."""
+    own = [c for c in candidates if c is not None and c.named == named]
+    ended = [c.log_evidence for c in own if c.fit.predicted_decrease < judgement.SEPARATED_EVIDENCE]
+    return max(ended, default=math.nan) if own else None
 
 
 def at_places(f: Attribution) -> dict[str, dict[str, Value]]:

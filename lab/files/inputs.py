@@ -27,7 +27,7 @@ from recordings.trials import Mapped, Table
 
 from ..console import note
 from ..plain import typed
-from .config import ConfigError, check, parse_yaml, read_yaml
+from .config import ConfigError, Source, check, parse_yaml, read_yaml
 from .jumps import believed, listed, without_contradicted
 from .map_file import stated_map
 from .robot_numbers import doubts
@@ -61,8 +61,8 @@ class Case(Measured, Shown):
         return settings(self.robot, states), states.tip, states.trial
 
 
-def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
-    """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
+def read_case(inputs: Sequence[Path], given: Path | Robot | None = None) -> Case:
+    """Read recordings (.mcap) and case folders into one case, of its robot or one `given`; raises ConfigError, RecordingError.
 
     Readings that this robot cannot produce in SI units and in its frame are refused (see `diagnosis.edits.reading`)."""
     for path in inputs:
@@ -70,10 +70,11 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
     recorded = [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     folders = [path for path in inputs if path.is_dir()]
-    sources = list(map(read_yaml, [path / "robot.yaml" for path in folders] if robot_path is None else [robot_path]))
-    for recording in recordings if robot_path is None else ():
+    sources = [read_yaml(path / "robot.yaml") for path in folders if given is None]
+    for recording in recordings if given is None else ():
         sources.append(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"))
-    source, robot = sources[0], check(sources[0], Robot)
+    source = read_yaml(given) if isinstance(given, Path) else next(iter(sources), Source("the Robot", {}, {}))
+    robot = given if isinstance(given, Robot) else check(source, Robot)
     for other in sources[1:]:
         if not same_robot(check(other, Robot), robot):
             raise ConfigError(

@@ -204,17 +204,18 @@ def unusable(table: Table, robot: Robot, place: Callable[[int], str], written_tw
     slipped |= misread(own, robot)
     repeated = [(rows, of) for rows, of in found if not written_twice or np.array_equal(time[rows], time[of])]
     said = [f"{place(row)}: {text}" for row, text in slipped.items()]
-    for blocks in repeated:
-        block, earlier = (listed(rows, place) for rows in blocks)
-        said.append(f"{block}: repeats {earlier} to the last digit, as copies do: left out")
+    for block, earlier in repeated:
+        said.append(f"{listed(block, place)}: repeats {listed(earlier, place)} to the last digit, as copies do: left out")
     return [*slipped, *(row for rows, _ in repeated for row in rows.tolist())], said
 
 
 def listed(rows: Ints, place: Callable[[int], str]) -> str:
-    """The first and last of rows that follow each other; of others the first few."""
-    if np.ptp(rows) < len(rows):
-        return " to ".join(dict.fromkeys((place(rows[0]), place(rows[-1]))))
-    return ", ".join(map(place, rows[:MOST_NAMED])) + f" and {len(rows) - MOST_NAMED} more" * (len(rows) > MOST_NAMED)
+    """The first and last of rows that follow each other, of others the first few; their file or trial once."""
+    in_turn = np.ptp(rows) < len(rows)
+    first, *others = dict.fromkeys(map(place, rows[[0, -1]] if in_turn else rows[:MOST_NAMED]))
+    own = f"{first.rpartition(' ')[0]} "
+    text = (" to " if in_turn else ", ").join([first, *(name.removeprefix(own) for name in others)])
+    return text + f" and {len(rows) - MOST_NAMED} more" * (len(rows) > MOST_NAMED and not in_turn)
 
 
 def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:

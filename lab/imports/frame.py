@@ -56,7 +56,9 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     wanted = map_of(Source(CALL, _as_map({**keys, "columns": columns}, entries), {}), robot.actuators.words)
     quantities = quantities_of(series, wanted, robot.actuators.words)
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
-    doubts = (*result.table.warnings, *result.notes, *result.questions)
+    taken = "orientation" not in keys and wanted.orientation is not None
+    note = f"columns {', '.join(ORIENTATION)} were taken as the tip's orientation: give orientation=.., or drop them"
+    doubts = (*[note] * taken, *result.table.warnings, *result.notes, *result.questions)
     return replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
 
 

@@ -52,6 +52,8 @@ FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
 LEAST_ACROSS = 1e-3
 """Share of the length by which tips are off a line, below which they show no turn about it."""
+ZERO_SD, OF_GAUGE = 5.0, (0.01, 0.1)
+"""Standard deviations at rest, and shares of the pressures' range, from and up to which a resting pressure is a gauge's zero."""
 MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
 MOST_TRIALS = 0.9
@@ -300,18 +302,31 @@ def conclude(
 
 
 def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:
-    """Ask whether the pressure that all chambers read at rest is the room's, and what its `zero` then is."""
+    """Ask whether the pressure that all chambers read at rest is the room's, else whether what one reads is its gauge's zero, and
+    what `zero` then is."""
     column, unit, below = wanted.columns.get("p1"), states.mapped.unit if states.mapped else None, wanted.trials.below
     resting = states.pressures[at_rest(states.pressures)]
     if column is None or column.zero == "first" or not len(resting) or np.ptp(states.pressures) <= below:
         return
-    level = float(np.median(resting))
-    if abs(level) > below and (np.abs(np.median(resting, axis=0) - level) < below).all():
+    level, each, size = float(np.median(resting)), np.median(resting, axis=0), units_for("p1", words).get(unit or "", 1.0)
+    if abs(level) > below and (np.abs(each - level) < below).all():
         zero = column.zero if isinstance(column.zero, float) else 0.0
-        zero += (level + AMBIENT * (column.zero == "absolute")) / column.scale / units_for("p1", words).get(unit or "", 1.0)
+        zero += (level + AMBIENT * (column.zero == "absolute")) / column.scale / size
         yield (
             f"all {words.actuators} read {words.number(level, 1)} {words.unit} at rest, which is then not found as rest: is this "
             f"the pressure of the room? If so, write `zero: {zero:.4g}` ({unit or 'Pa'}) under columns.p1 .."
+        )
+        return
+    noise, (low, high) = resting.std(axis=0), np.array(OF_GAUGE) * np.ptp(states.pressures)
+    constant, zeros = (noise > 0) & (np.abs(each) > ZERO_SD * noise), dict[str, str]()
+    for k in np.flatnonzero(constant).tolist():
+        if (own := wanted.columns.get(f"p{k + 1}")) is not None and own.zero == "none":
+            zeros[f"p{k + 1}"] = f"{each[k] / own.scale / size:.3g}"
+    if len(resting) >= FEW_SETTINGS and zeros and low < np.abs(each[constant]).max() < high:
+        remedies = ", ".join(f"`zero: {zero}` under columns.{name}" for name, zero in zeros.items())
+        yield (
+            f"at rest {', '.join(zeros)} read {', '.join(zeros.values())} {unit or 'Pa'}, constant within their noise: are these "
+            f"the zeros of gauges? If so, write {remedies}"
         )
 
 
@@ -510,7 +525,10 @@ def _numbered(
     repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
     again, highest = [], states.pressures.max(axis=1)
     of_trials = rows_by(trial)
-    for k, (of_trial, kind) in enumerate(zip(of_trials, _kinds(states, trial, gap), strict=True)):
+    first = np.array([rows[0] for rows in of_trials])
+    inflated = [levels(chamber, gap) for chamber in np.maximum.reduceat(states.pressures, first, axis=0).T]
+    kinds = np.column_stack([*inflated, loads(states.take(first))]).tolist()  # those that repeat each other are of one
+    for k, (of_trial, kind) in enumerate(zip(of_trials, map(tuple, kinds), strict=True)):
         earlier = repeats_of_kind.setdefault(kind, [])
         stated = Counter(repeat[of_trial][repeat[of_trial] != 0].tolist())
         usual = stated.most_common(1)[0][0] if stated else 1 + len(earlier)
@@ -542,14 +560,6 @@ def _sets_apart(cells: NDArray[np.str_], pairs: Sequence[tuple[Ints, Ints]]) -> 
     words = [({*cells[a].tolist()}, {*cells[b].tolist()}) for a, b in pairs]
     apart = sum(len(a) == len(b) == 1 and a != b for a, b in words)
     return 2 * apart > len(pairs) and len(set().union(*(a | b for a, b in words))) <= max(2, len(pairs))
-
-
-def _kinds(states: Table, trial: Ints, gap: float) -> list[tuple[int, ...]]:
-    """What trials, (n,) from 0, that repeat each other have in common: how far each chamber is inflated, and loads."""
-    first = np.unique(trial, return_index=True)[1]
-    highest = np.maximum.reduceat(states.pressures, first, axis=0)
-    settings = [levels(chamber, gap) for chamber in highest.T]
-    return [tuple(kind) for kind in np.column_stack([*settings, loads(states.take(first))]).tolist()]
 
 
 def _with_pushes(states: Table, file: Ints, forces: Sequence[float | None], wanted: Map) -> Table:

@@ -31,7 +31,7 @@ from .check import check
 from .compare import compare
 from .diagnose import VERBS as DIAGNOSE
 from .fakes import PATIENT, PATIENT_PAUSES, demand_speed, effects, write_rig
-from .fit import fit
+from .fit import VERBS as FIT
 from .recorded import replay
 from .run import run
 
@@ -94,12 +94,17 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
             out.print("\nThe model is still being compiled for this computer; this happens once and takes half a minute.")
         compiling.begun()
     step("lab replay: the same numbers from the files alone", lambda: replay(files))
-    step("lab fit", lambda: fit(files))
+
+    def asked(verb: Verb, *options: str) -> Result:
+        """Call a verb for the recordings."""
+        verb.add_to(parser := argparse.ArgumentParser())
+        return verb.call(parser.parse_args([*map(str, files), *options]))
+
+    step("lab fit", lambda: asked(FIT[0]))
     step("lab compare: the paper's parameters", lambda: compare(files, None, None, False, None))
-    DIAGNOSE[0].add_to(options := argparse.ArgumentParser())
     answers = {"--json": "diagnosis.json", "--report": "report.html", "--protocols": "next"}
-    asked = options.parse_args([*map(str, files), *(f"{name}={folder / file}" for name, file in answers.items())])
-    step("lab diagnose: which effect was withheld?", lambda: DIAGNOSE[0].call(asked))
+    written = [f"{name}={folder / file}" for name, file in answers.items()]
+    step("lab diagnose: which effect was withheld?", lambda: asked(DIAGNOSE[0], *written))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))
     out.print(f"\nThe seal: {seal}")
     withheld = next(e for e in list_effects() if e.id == name)

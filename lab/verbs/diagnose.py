@@ -172,9 +172,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
 
 def show(d: Diagnosis, protocols: Path | None = None) -> None:
     """Print an answer; `protocols`: the folder of the proposed experiments, if they were written."""
-    first_of_all = [f"settle first: {text}" for text in d.texts("critical")]
-    notes = [f"  note: {text}" for text in d.texts("warning", "note")] + ([] if d.change is None else [d.change.statement])
-    for line in (*first_of_all, d.headline, d.statement, *notes):
+    for line in d.lines:
         out.print(line)
     out.print(ranked(d.attribute.ranking, d.words))
     if origins := stands_for(d.calibration, d.words):
@@ -200,7 +198,9 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     title = "What the data support (p: by all fits; log evidence: of one fit)"
     t = titled(title, ("hypothesis", "p", "log evidence", "unseen states", "size"))
     for r in (r for r in ranking if r.probability >= LEAST_STATED):
-        sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
+        own = {e: {n.partition(".")[2]: v for n, v in r.parameters.items() if n.startswith(f"{e}.")} for e in r.effects}
+        each = {e: r.in_words.get(e) or ", ".join(f"{name} {sized(v, words)}" for name, v in own[e].items()) for e in r.effects}
+        sizes = "; ".join(f"{e}: {text}" if len(r.effects) > 1 else text for e, text in each.items() if text)
         evidence = f"{r.log_evidence:.1f}".replace("nan", "")
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
         t.add_row(" + ".join(r.effects) or "none", stated(r.probability, r.limited), evidence, held, sizes)

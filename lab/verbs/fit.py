@@ -3,6 +3,7 @@ write them into a robot.yaml."""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -39,35 +40,23 @@ OWN = ("robot.yaml", "samples")
 """What a fit writes, and replaces when it is repeated."""
 
 
-def fit(
-    inputs: Sequence[Path],
-    robot: Path | None = None,
-    folder: Path | None = None,
-    replace: bool = False,
-    named: Sequence[str] | None = None,
-    file: Path | None = None,
-    samples: int = 0,
-    seed: int = 0,
-    residual: bool = False,
-    set_up: bool = False,
-) -> Result:
-    """Calibrate the robot of a case without its effects, its set-up taken as exact; or fit the effects that are `named`, area
-    factor and tolerances of the set-up, with `set_up` or `residual` without any effect too.
-
-    `folder`: for robot.yaml and `samples` robots drawn from the posterior; `file`: of effects of one's own; `residual`: learn
-    what the model still misses. Raises ConfigError, BadEffect, RecordingError."""
+def fit(wanted: argparse.Namespace) -> Result:
+    """Calibrate the robot of a case without its effects, its set-up taken as exact; or fit effects that are named, area factor
+    and tolerances of the set-up, with --set-up or --residual without any effect too. Raises ConfigError, BadEffect,
+    RecordingError."""
+    inputs, folder, named, samples = wanted.inputs, wanted.out, wanted.with_effects, wanted.samples
     if named is not None and not named:
         raise ConfigError("--with: names no effect; to fit area factor and tolerances alone give --set-up, else leave it out")
-    calibrating = named is None and not residual and not set_up
-    for name, given in (("--samples", samples), ("--effects", file)):
+    calibrating = named is None and not wanted.residual and not wanted.set_up
+    for name, given in (("--samples", samples), ("--effects", wanted.effects)):
         if given and calibrating:
             raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..] or --set-up")
     if samples < 0:
         raise ConfigError(f"--samples {samples}: must be at least 1")
     if samples and folder is None:
         raise ConfigError(f"--samples {samples}: needs --out FOLDER to write the robots into")
-    demand_free(folder, OWN, replace, inputs)
-    case = read_case(inputs, robot)
+    demand_free(folder, OWN, wanted.replace, inputs)
+    case = read_case(inputs, wanted.robot)
     note(case.table.warnings)
     effects: Mapping[str, EffectSpec] = {}
     if calibrating:
@@ -79,22 +68,22 @@ def fit(
         with Screen("calibrating") as screen:
             fitted = calibrate(Case(case.robot.plain, case.table), screen.step)
     else:
-        effects, left_out = catalogue(case.robot, file)
+        effects, left_out = catalogue(case.robot, wanted.effects)
         note(left_out)
         diagnosed = _diagnosed(inputs)
         start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
         with Screen("fitting") as screen:
-            fitted = fit_effects(case, named or (), effects, screen.step, residual, start)
+            fitted = fit_effects(case, named or (), effects, screen.step, wanted.residual, start)
         note([] if diagnosed is None else disagreement(fitted, diagnosed))
     # the others were said before the fit, or are of a fit with effects
     note(str(f) for f in fitted.findings if f.code == "thrust_settled" or not (calibrating or f.code == "as_read"))
     written: list[Path] = []
     if folder is not None:
-        with whole(folder, OWN, replace, inputs) as (place, word):
+        with whole(folder, OWN, wanted.replace, inputs) as (place, word):
             write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
             if samples:
-                names, values, robots = drawn(fitted.robot, effects, samples, seed)
+                names, values, robots = drawn(fitted.robot, effects, samples, wanted.seed)
                 files = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
                 with Screen("writing robots") as screen:
                     for k, _ in enumerate(files, 1):
@@ -154,9 +143,10 @@ def residual_lines(f: Fitted) -> list[str]:
     posterior = f.robot.posterior
     lines = [f"{each.says(f.robot.actuators.words)} [{each.effect}]".capitalize() for each in f.by_actuator]
     worse = f", which is larger: {' and '.join(f.effects)} does not explain these data" * (f.left_mm > f.calibrated_mm + 0.005)
+    with_effects = f", {f.left_mm:.2f} mm with the effects{worse}" * bool(f.effects)
     lines.append(
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
-        f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects{worse}"
+        f"{f.calibrated_mm if f.effects else f.left_mm:.2f} mm rms with area factor and set-up fitted{with_effects}"
     )
     if posterior is not None:
         lines.append(
@@ -211,7 +201,7 @@ def _mpa(e: Estimate) -> str:
 VERBS = (
     Verb(
         "fit",
-        lambda a: fit(a.inputs, a.robot, a.out, a.replace, a.with_effects, a.effects, a.samples, a.seed, a.residual, a.set_up),
+        fit,
         options=(
             JSON,
             *OF_CASE,

@@ -42,6 +42,8 @@ from .run import Columns, planned_columns, protocol_plan, robot_facts, source_of
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """Columns of states that are each reached from rest by one ramp."""
+AT_REST_SHARE = 0.02
+"""Of the highest pressure of a table, up to which a chamber is not shown as inflated."""
 MM, SHOWN = 1e3, 40
 """Rows that are printed; all are written."""
 INTERVAL = (
@@ -286,14 +288,14 @@ def _sheet(
     low, high = prediction.interval(model_only)
     words, spine, count = robot.actuators.words, robot.spine is not None, pressures.shape[1]
     # chambers of a robot with more are listed in one column
-    one_by_one = count <= 4
+    one_by_one, idle = count <= 4, AT_REST_SHARE * float(np.nan_to_num(pressures).max(initial=0.0))
     columns = [f"p{c}" for c in range(1, count + 1)] if one_by_one else [f"p ({words.actuators})"]
     t = titled(title, (), (), (*lead, *(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"))
     for i in range(min(len(pressures), SHOWN)):
         t.add_row(
             *(cells[i] for cells in lead.values()),
             *([f"{100 * float(lengths[i]):.1f} cm"] if spine else []),
-            *([words.number(p, 1) for p in pressures[i]] if one_by_one else [_inflated(pressures[i], words)]),
+            *([words.number(p, 1) for p in pressures[i]] if one_by_one else [_inflated(pressures[i], words, idle)]),
             *(
                 "none" if not np.isfinite(v) else f"{MM * v:.2f}" + (f" ± {MM * (h - l) / 2:.2f}" if h >= l else "")
                 for v, l, h in zip(prediction.tip[i], low[i], high[i], strict=True)
@@ -302,11 +304,11 @@ def _sheet(
     return t
 
 
-def _inflated(pressures: Array, words: Words) -> str:
-    """Pressure or tension and, in brackets, the actuators that have it."""
+def _inflated(pressures: Array, words: Words, idle: float) -> str:
+    """Pressure or tension and, in brackets, the actuators that have it, without those up to `idle` Pa: noise of a gauge."""
     by: dict[str, list[str]] = {}
     for c, p in enumerate(pressures.tolist(), 1):
-        if p > 10.0:
+        if p > idle:
             by.setdefault(words.number(p, 1), []).append(str(c))
     return "; ".join(f"{number} ({', '.join(own)})" for number, own in by.items()) or "none"
 

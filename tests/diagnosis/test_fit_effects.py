@@ -11,11 +11,12 @@ import pytest
 from diagnosis.diagnose import diagnose
 from diagnosis.errors import BadCase
 from diagnosis.fit_effects import Fitted, fit_effects
+from lab.cli import main
 from lab.comparison import comparison
 from lab.files.config import load
 from lab.files.inputs import Case
 from lab.files.robot_file import write_robot
-from lab.verbs.fit import fit, residual_lines
+from lab.verbs.fit import residual_lines
 from model.effects import CATALOGUE
 from model.errors import BadEffect
 from model.prediction import Predictor
@@ -96,6 +97,8 @@ def test_what_the_data_say_nothing_of_is_undetermined_and_leaves_no_more(fitted:
     assert absent.left_mm <= 1.001 * absent.calibrated_mm
     worse = " ".join(residual_lines(replace(absent, left_mm=2.21, calibrated_mm=1.79)))
     assert "1.79 mm rms with area factor and set-up fitted, 2.21 mm with the effects, which is larger: spine_slip does" in worse
+    alone = " ".join(residual_lines(replace(absent, effects=(), left_mm=2.21, calibrated_mm=1.79)))
+    assert "2.21 mm rms with area factor and set-up fitted;" in alone.replace(" noise floor", ";") and "larger" not in alone
 
 
 def test_a_fit_ends_at_the_same_numbers_from_its_own_starts_and_from_those_of_an_answer() -> None:
@@ -147,7 +150,6 @@ def test_a_fit_states_the_error_of_each_marker_that_it_used(tmp_path: Path, caps
     robot = FINGER.model_copy(update={"markers": (0.4 * FINGER.length, 0.7 * FINGER.length)})
     table = read(robot)
     moved = table.replaced({"m2x": table["m2x"] + 5e-3 * (table["trial"] % 2)})
-    found = fit([folder(tmp_path / "case", moved, write_robot(robot, tmp_path / "robot.yaml"))], set_up=True)
-    assert found.show is not None and found.show() is None
+    assert main(["fit", str(folder(tmp_path / "case", moved, write_robot(robot, tmp_path / "robot.yaml"))), "--set-up"]) == 0
     first, second = re.findall(r"marker \d, which the fit used too: ([\d.]+) mm rms", capsys.readouterr().out)
     assert float(second) > 2 * float(first) > 0

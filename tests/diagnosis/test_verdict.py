@@ -1,6 +1,7 @@
 """The verdict, as deep as the data carry, its sentences and its headline: no two of one answer contradict each other."""
 
 import itertools
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -31,7 +32,7 @@ from diagnosis.answer.result import (
 )
 from diagnosis.answer.sentences import as_stiff, changed_by, numbers_beyond, stands_for, statement
 from diagnosis.answer.size import Size
-from diagnosis.answer.verdict import conclude, doubts, rivals
+from diagnosis.answer.verdict import conclude, doubts, own_evidence, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.findings import finding
 from diagnosis.inference.posterior import EffectPosterior
@@ -166,6 +167,8 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
     walls = replace(answer(attribute("effect", "cause", {}, "chamber_thrust", p=0.92)), findings=settled)
     said = headline(walls, CATALOGUE, by_calibration=0.99, calibrated="a body 86 % softer")
     assert said == "Calibration closes 99 % of the gap; no other cause is needed (p = 0.92). Write `thrust: walls`."
+    waterfall = replace(walls, waterfall=CALIBRATED, calibration=None)
+    assert "Uncalibrated but with `thrust: walls`, the model misses" in statement(waterfall)
     assert walls.texts("note") == [str(settled[0])] and replace(walls, statement=f"{settled[0]}. So").texts("note") == []
     sure = replace(answer(attribute("effect", "cause", {}, "base_tilt", p=0.98)), calibration=Calibration(1.0, 1.0, 0.86))
     assert headline(sure, CATALOGUE, None, 0.97, "a body 14 % softer").endswith("(p = 0.98), beside a body 14 % softer.")
@@ -394,13 +397,14 @@ def test_a_probability_at_its_limit_says_so_and_why() -> None:
     assert found.headline.endswith("(p ≤ 0.80).") and "(p is at most 0.80, as 1 mm remain on unseen states)" in statement(found)
     for certain in (sure, replace(sure, attribute=replace(sure.attribute, probability=0.8))):  # by chance it is what the limit is
         assert f"(p = {certain.attribute.probability:.2f}" in headline(certain, CATALOGUE) + statement(certain)
-    assert str(found).splitlines()[:3] == [found.headline, found.statement, f"- {doubt}"]
+    assert str(found).splitlines()[:3] == [found.headline, found.statement, f"  note: {doubt}"]
 
 
 def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_another_form() -> None:
     unknown, most = decide(OUTSIDE, True), Shrink("", 16.3, 1.6, 0.4, 0.99, None, ())
     named = behaves_like(unknown, ("base_tilt",), OUTSIDE, most.share_closed)
-    assert (named.verdict, named.effects) == ("effect", ("base_tilt",))
+    assert (named.verdict, named.effects, named.limited) == ("effect", ("base_tilt",), True)
+    assert doubted(named, [finding("gap_remains", mm=1.0)], 0).limited  # below the limit, as 20 % of it were left for others
     assert named.probability == pytest.approx(0.8 * 0.3 / 0.4) and conclude(named, True, ()) == "one of several"
     for left in (replace(most, share_closed=0.5), None):
         assert behaves_like(unknown, ("base_tilt",), OUTSIDE, left and left.share_closed) == unknown
@@ -608,3 +612,12 @@ def test_a_size_that_is_zero_within_its_error_is_not_named() -> None:
     assert without_nothing(found, zero, large, 0.025) == found == without_nothing(found, [], {"base_tilt": 0.3}, 0.025)
     none = without_nothing(found, zero, {"base_tilt": 0.3}, 0.025)
     assert (none.verdict, none.effects, none.too_small) == ("none", (), ("base_tilt",)) and none.probability == 0.995
+
+
+def test_no_fit_of_others_stands_for_a_hypothesis_and_none_that_has_not_ended() -> None:
+    def fitted(named: str, log_evidence: float, left: float = 0.0) -> Any:
+        return SimpleNamespace(named=(named,), log_evidence=log_evidence, fit=SimpleNamespace(predicted_decrease=left))
+
+    assert own_evidence(("contact",), (fitted("contact", 7.0), fitted("contact", 9.0, left=9.0), fitted("base_tilt", 8.0))) == 7.0
+    assert own_evidence(("contact",), (fitted("base_tilt", 8.0), None)) is None
+    assert math.isnan(own_evidence(("contact",), (fitted("contact", 9.0, left=9.0),)) or 0.0)

@@ -42,6 +42,8 @@ def test_a_frame_is_the_case_that_lab_import_makes_of_its_file(tmp_path: Path) -
     made = by_map(file, columns={name: {"column": heading} for name, heading in COLUMNS.items()}, **KEYS)
     case = lab.case(FRAME, ROBOT, columns=COLUMNS, **KEYS)
     assert case.table == made.table and len(case.table) > 20
+    turned = FRAME.assign(qw=1.0, qx=0.0, qy=0.0, qz=0.0)
+    assert any("qw, qx, qy, qz were taken" in w for w in lab.case(turned, ROBOT, columns=COLUMNS, **KEYS).table.warnings)
     assert "three-chamber robot" in case.robot_text and case == lab.case(FRAME, case.robot, columns=COLUMNS, **KEYS)
 
 
@@ -67,9 +69,10 @@ def test_units_come_from_headings_from_the_call_or_are_si(change: Callable[[Any]
 
 def test_the_table_of_a_case_comes_back_from_pandas_as_it_went(small_case: Path) -> None:
     case = lab.case(small_case)
-    frame = case.table.to_pandas()
+    frame = case.table.to_frame()
     assert lab.case(frame, case.robot).table == case.table
     frame["P_left"] = frame.pop("p1") / 1e5
+    assert lab.case(small_case, robot=case.robot.replace(tip_mass=0.5)).robot.tip_mass == 0.5
     left = lab.case(frame, case.robot, columns={"p1": "P_left [bar]"}).table
     assert left["p1"] == pytest.approx(case.table["p1"], abs=1e-6) and left == case.table.replaced({"p1": left["p1"]})
     frame["p1"] = case.table["p1"]
@@ -79,7 +82,7 @@ def test_the_table_of_a_case_comes_back_from_pandas_as_it_went(small_case: Path)
 
 def test_rows_that_lack_a_value_are_left_out_and_named(small_case: Path) -> None:
     case = lab.case(small_case)
-    frame = case.table.to_pandas()
+    frame = case.table.to_frame()
     frame.loc[[3, 5], "p1"], frame.loc[7, ["x", "y", "z"]] = pd.NA, np.nan
     kept = lab.case(frame, case.robot).table
     assert len(kept) == len(case.table) - 3 and "3 of 14 rows are left out, first index 3: no value for p1" in kept.warnings[0]
@@ -120,7 +123,7 @@ def test_a_unit_that_is_missing_is_named_first_with_what_to_write(wrong: dict[st
 
 def test_values_that_cannot_be_right_are_refused_as_those_of_a_file(small_case: Path) -> None:
     case = lab.case(small_case)
-    frame = case.table.to_pandas()
+    frame = case.table.to_frame()
     for column, value, match in (("p1", 1e9, "index 0, p1: 1e.09 Pa is outside"), ("trial", 1.5, "is not a whole number"),
                                  ("branch", "up", "index 0.*says 'up'"), ("x", 0.38e3, "380 m exceeds 5 m")):  # fmt: skip
         refused(match, lab.case, frame.astype({column: object}).assign(**{column: value}), case.robot)

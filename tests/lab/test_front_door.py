@@ -101,7 +101,7 @@ def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_c
     offered = {name for name in dir(robot) if not name.startswith("_")}
     assert {"predict", "inverse", "replace", "length", "to_frame"} <= offered and not offered & set(dir(BaseModel))
     assert repr(robot).startswith(f"<Robot: {robot.name}, 400 mm, 9 chambers")
-    frame = case.table.to_pandas()
+    frame = case.table.to_frame()
     assert list(frame.columns) == list(case.table.columns) and len(frame) == 14
     assert frame.attrs["units"]["p1"] == "Pa" and case.table.units["x"] == "m"
 

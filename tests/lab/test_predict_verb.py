@@ -120,6 +120,8 @@ def test_a_table_is_predicted_as_from_python(case: Path, robot: Path, tmp_path: 
     tips = lab.predict(lab.load_robot(robot), [[80e3] + [0] * 8, [0, 60e3] + [0] * 7], [0.1, 0.0]).tip
     np.testing.assert_allclose([[s[k] for k in "xyz"] for s in found["states"]], tips, atol=1e-9)
     assert len(found["notes"]) == 1
+    states.write_text("p1 [kPa],p2 [kPa],spine_length\n60,0.3,0\n")
+    assert "60.0 (1) " in (said := cli("predict", "--robot", robot, "--table", states).flat) and "0.3 (2)" not in said
     states.write_text("p1 [kPa],spine_length\n240.5,0.2\n248,0.2\n")
     (beyond := tmp_path / "robot.yaml").write_text(robot.read_text().replace("tilt.x,", "gone.x,"))
     said, found = (cli("predict", "--robot", beyond, "--table", states, *more) for more in ((), ("--json",)))

@@ -112,6 +112,9 @@ def test_a_robot_without_a_spine_needs_no_line_about_one(tmp_path: Path, cli: Cl
     assert rehearsed(cli, own, rig=file) == {"states": 3, "trials": 1, "differs": []}
     assert rehearsed(cli, "bending", "--set", "pressures=[30 kPa]", rig=file)["differs"] == []
     assert not re.search("home|set_spine|ambient|spine=", code)
+    staircase = (ROOT / "examples/protocol/staircase.py").read_text()
+    own.write_text(staircase.replace('("pressure", "mocap")', '("pressure",)'))
+    assert rehearsed(cli, own, rig=file)["differs"] == []  # it waits for no cameras
 
 
 def test_visits_that_wait_for_rest_read_what_a_bending_sweep_reads(tmp_path: Path, cli: Cli) -> None:

@@ -229,7 +229,7 @@ def _may_snap(rods: Rods, values: Array) -> Mask:
     thrust, pull = np.linalg.norm(weight, axis=2) @ half, weight.sum(axis=1)
     soft = np.where(length > 0, rods.whole_length[:, None] / rods.field("bend_stiffness")[..., :2].min(axis=2), 0.0).max(axis=1)
     aside = np.arccos(np.clip((tangent * pull).sum(axis=1) / np.maximum(np.linalg.norm(pull, axis=1), 1e-300), -1.0, 1.0))
-    bend = values[:, AT_LARGEST] * soft
+    bend = np.nan_to_num(values[:, AT_LARGEST], posinf=0.0) * soft  # rods that diverged have not converged
     return (thrust * rods.whole_length * soft > np.pi**2 / 4) & (aside + bend > np.pi / 2) & (bend > STRAIGHT)
 
 
