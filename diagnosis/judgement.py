@@ -22,10 +22,10 @@ PRIOR_OF_MORE = 0.075
 TOLERATED_SIZES = np.array([0.0, 0.08, 0.16])
 """Standard deviation of every effect that a hypothesis does not name, plausible sizes; equally probable. Small effects act on
 every robot."""
-NAMED_SIZES = np.array([1.0, 10.0])
-"""Standard deviation of the sizes of an effect that a hypothesis names, plausible sizes; equally probable. On a soft body a
-cable or an added mass may do many times what is plausible; were it held near that, stiffness, area and frame would take up the
-rest. Searches and written numbers have the largest."""
+LOAD_SIZES = np.array([1.0, 10.0])
+"""Standard deviation of forces, masses, stiffnesses and compliances that a hypothesis names, plausible sizes; equally probable: a
+cable does not know how soft the body is, by which these are scaled, and were it held near that, stiffness, area and frame would
+take up the rest. Searches and written numbers have the largest."""
 LAW_ERRORS = np.array([0.03, 0.1, 0.3])
 """Share of an effect by which its law may be wrong; equally probable. An exact law would let a second effect absorb the error of
 the first (decision 062)."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from ..arrays import Array
-from ..judgement import DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LARGEST_TOLERATED_SIZE, LAW_ERRORS, NAMED_SIZES, TOLERATED_SIZES
+from ..judgement import DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LARGEST_TOLERATED_SIZE, LAW_ERRORS, LOAD_SIZES, TOLERATED_SIZES
 from .linear import Linear, SizePrior
 from .problem import FitParameters
 
@@ -30,7 +30,7 @@ class Grid:
     spikes: Array
     """(s,) prior standard deviation of effects that are not named, as a share of their scale."""
     slabs: Array
-    """(s,) prior standard deviation of the sizes of effects that are named, in units of their scale."""
+    """(s,) prior standard deviation of the loads among what is named, in units of their scale."""
     spike_weights: Array
     """(s,) of each pair of both."""
     sizes: Array
@@ -64,7 +64,7 @@ class GridPoint:
     form_error: float
 
 
-PAIRS = np.array([(spike, slab) for spike in TOLERATED_SIZES for slab in NAMED_SIZES])
+PAIRS = np.array([(spike, slab) for spike in TOLERATED_SIZES for slab in LOAD_SIZES])
 EQUAL = np.full(len(PAIRS), 1 / len(PAIRS))
 KNOWN = Grid(PAIRS[:, 0], PAIRS[:, 1], EQUAL, DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS)
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
-from ..judgement import BEYOND_SD, GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, NAMED_SIZES, TENSE_SD
+from ..judgement import BEYOND_SD, GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, LOAD_SIZES, TENSE_SD
 from .discrepancy import SmoothErrors
 from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
@@ -146,6 +146,8 @@ class FitParameters:
     """(k,) which parameters are drawn anew with each trial or repeat."""
     sizes = _each(lambda i: i.role == "size", of_effects=True)
     """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
+    loads = _each(lambda i: i.role == "size" and ("N" in i.unit or "kg" in i.unit), of_effects=True)
+    """(p,) which of these are forces, masses, stiffnesses or compliances."""
     tolerable = _each(lambda i: i.tolerated, of_effects=True)
     """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
     scale = _of_effects(lambda p: p.sd)
@@ -163,7 +165,7 @@ class FitParameters:
     """(p, e) 1 where an effect's parameter belongs to the effect, in the order of `ids`."""
 
     def prior(self, named: Mask, spike: float, slab: float, effect_size: Array | None = None) -> SizePrior:
-        """Prior with the parameters marked `named` (..., p) wide (sizes `slab` scales) and the sizes of all other effects narrow.
+        """Prior with the parameters marked `named` (..., p) wide (loads `slab` scales) and the sizes of all other effects narrow.
 
         The narrow prior of a one-sided effect has the mean and variance of a size uniform up to a limit. Shape parameters
         keep their full prior; `effect_size`, see `Linear`, narrows it where the problem was linearised at a larger size than
@@ -175,7 +177,7 @@ class FitParameters:
         narrowing = np.maximum(effect_size / (LIMIT * spike), 1.0) if effect_size is not None and spike > 0 else 1.0
         mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / narrowing**2)
         mean, variance = np.where(self.tolerable, mean, 0.0), np.where(self.tolerable, variance, 0.0)
-        return SizePrior(np.where(named, 0.0, mean), np.where(named, np.where(self.sizes, slab**2, 1.0), variance), named)
+        return SizePrior(np.where(named, 0.0, mean), np.where(named, np.where(self.loads, slab**2, 1.0), variance), named)
 
     def scaled(self, prior: SizePrior) -> tuple[Array, Array]:
         """Standard deviation and mean (k,) of all parameters, in their units, under a prior of the effects."""
@@ -191,7 +193,7 @@ class FitParameters:
 
     def prior_of(self, named: tuple[str, ...], spike: float = 0.0) -> SizePrior:
         """Prior with these effects named, however large, and all others absent or within a tolerance."""
-        return self.prior(self.mask(named), spike, float(NAMED_SIZES.max()))
+        return self.prior(self.mask(named), spike, float(LOAD_SIZES.max()))
 
     def beyond_calibration(self, columns: Array, slope: Array | Columns, unit: Array | float = 1.0) -> Array:
         """Residuals of columns (n, c), the values in `unit` (n, 1) each, after least squares over all that is fitted in every
