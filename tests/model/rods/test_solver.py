@@ -1,5 +1,5 @@
-"""The fast rod solver against reference values, against the slow converged solver, and against itself; other methods agree with it
-where they must, and refuse what they do not know."""
+"""The fast rod solver against reference values, against the slow converged solver, and against itself; other methods agree with
+it where they must, and refuse what they do not know."""
 
 import numba
 import numpy as np
