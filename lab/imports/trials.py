@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
+from typing import Any
 
 import numpy as np
 
@@ -75,18 +76,16 @@ def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: Ints) -> list[
 
 def _spread(values: Array, ends: Ints) -> Array:
     """(n,) largest difference within a column of (n, k) values, from each row up to the one before `ends`."""
-    n = len(values)
-    lengths = ends - np.arange(n)
-    low, high, out = values, values, np.zeros(n)
-    span = 1
-    while True:  # `low` and `high` are over `size` rows; two such stretches cover up to twice as many
-        fitting = np.flatnonzero((lengths >= span) & (lengths < 2 * span))
-        last = ends[fitting] - span
-        out[fitting] = (np.maximum(high[fitting], high[last]) - np.minimum(low[fitting], low[last])).max(axis=1)
-        if 2 * span > n:
-            return out
-        low, high = np.minimum(low[:-span], low[span:]), np.maximum(high[:-span], high[span:])
-        span *= 2
+    import pandas as pd
+
+    class Ahead(pd.api.indexers.BaseIndexer):
+        def get_window_bounds(
+            self, num_values: Any = 0, min_periods: Any = None, center: Any = None, closed: Any = None, step: Any = None
+        ) -> tuple[Ints, Ints]:
+            return np.arange(len(ends)), ends
+
+    ahead = pd.DataFrame(values).rolling(Ahead(), min_periods=1)
+    return np.asarray((ahead.max() - ahead.min()).max(axis=1))
 
 
 def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: Ints) -> list[Cut]:
@@ -100,10 +99,7 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: Ints) -> list[C
     ends = np.clip(np.maximum(ends, np.arange(n) + 3), None, n)
     calm = (_spread(filled, ends) <= wanted.steady) & (t[-1] - t >= wanted.shortest * (1 - 1e-6) - step)
     # a row is steady if a calm window, from its first row to that before its end, holds it
-    begun, ended = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
-    begun[:n] = calm
-    np.add.at(ended, ends[calm], 1)
-    steady = np.cumsum(begun - ended)[:n] > 0
+    steady = np.cumsum(calm - np.bincount(ends[calm], minlength=n + 1)[:n]) > 0
     apart = (
         (np.abs(np.diff(filled, axis=0)).max(axis=1) > wanted.steady) | (np.diff(trial) != 0) | (np.diff(steady.astype(int)) != 0)
     )
@@ -171,10 +167,8 @@ class Stages:
 
     def inflated(self, rows: int) -> Mask:
         """(rows,) in stages under pressure."""
-        edges = np.zeros(rows + 1, np.int64)
-        edges[self.start[~self.resting]] += 1
-        edges[self.stop[~self.resting]] -= 1
-        return np.asarray(np.cumsum(edges)[:rows] > 0)
+        begun, ended = (np.bincount(of[~self.resting], minlength=rows + 1)[:rows] for of in (self.start, self.stop))
+        return np.asarray(np.cumsum(begun - ended) > 0)
 
     def border(self, row: int) -> int:
         """The row with which a trial begins whose first settled one is `row`."""
