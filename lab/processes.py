@@ -131,17 +131,10 @@ def for_case(workers: int | None) -> Iterator[Callable[[int], Callable[..., Iter
 def processes(count: int, ahead: Sequence[str] = (), niceness: int = 0) -> Iterator[Processes]:
     """Start `count` processes besides this one, `niceness` behind it in line; a person's Ctrl-C ends this process, which then
     ends them. `ahead`: parts of `model.warm_up`, shared out among them, to do before any work."""
-    threads_before = os.environ.get(ONE_THREAD)
-    os.environ[ONE_THREAD] = "1"
+    os.environ[ONE_THREAD] = "1"  # for what begins from now on: the libraries of this process have read theirs
     # a fresh interpreter each: threads and compiled code of this one are not inherited
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin, initargs=(niceness,))
-    try:
-        first = [pool.submit(warm_up, tuple(ahead[k::count])) for k in range(count)]
-    finally:
-        if threads_before is None:
-            del os.environ[ONE_THREAD]
-        else:
-            os.environ[ONE_THREAD] = threads_before
+    first = [pool.submit(warm_up, tuple(ahead[k::count])) for k in range(count)]
     workers = list(pool._processes.values())  # the pool itself cannot end one that hangs
     feeders = ThreadPoolExecutor(count)
     with TemporaryDirectory(prefix="softlab-") as folder:

@@ -10,7 +10,7 @@ import functools
 import gc
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,6 +122,18 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 def plant(bench: Bench) -> Plant:
     """What the fakes act on."""
     return bench.plant
+
+
+@pytest.fixture
+def opened(make: Callable[..., Any]) -> Callable[..., Any]:
+    """Makes a driver as `make` of the test's file does, and opens it."""
+
+    def opened(**changes: object) -> Any:
+        made = make(**changes)
+        made.open()
+        return made
+
+    return opened
 
 
 REAL_TIME = {

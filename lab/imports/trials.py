@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
+from typing import Any
 
 import numpy as np
 
@@ -75,18 +76,16 @@ def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: Ints) -> list[
 
 def _spread(values: Array, ends: Ints) -> Array:
     """(n,) largest difference within a column of (n, k) values, from each row up to the one before `ends`."""
-    n = len(values)
-    lengths = ends - np.arange(n)
-    low, high, out = values, values, np.zeros(n)
-    span = 1
-    while True:  # `low` and `high` are over `size` rows; two such stretches cover up to twice as many
-        fitting = np.flatnonzero((lengths >= span) & (lengths < 2 * span))
-        last = ends[fitting] - span
-        out[fitting] = (np.maximum(high[fitting], high[last]) - np.minimum(low[fitting], low[last])).max(axis=1)
-        if 2 * span > n:
-            return out
-        low, high = np.minimum(low[:-span], low[span:]), np.maximum(high[:-span], high[span:])
-        span *= 2
+    import pandas as pd
+
+    class Ahead(pd.api.indexers.BaseIndexer):
+        def get_window_bounds(
+            self, num_values: Any = 0, min_periods: Any = None, center: Any = None, closed: Any = None, step: Any = None
+        ) -> tuple[Ints, Ints]:
+            return np.arange(len(ends)), ends
+
+    ahead = pd.DataFrame(values).rolling(Ahead(), min_periods=1)
+    return np.asarray((ahead.max() - ahead.min()).max(axis=1))
 
 
 def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: Ints) -> list[Cut]:
@@ -100,10 +99,7 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: Ints) -> list[C
     ends = np.clip(np.maximum(ends, np.arange(n) + 3), None, n)
     calm = (_spread(filled, ends) <= wanted.steady) & (t[-1] - t >= wanted.shortest * (1 - 1e-6) - step)
     # a row is steady if a calm window, from its first row to that before its end, holds it
-    begun, ended = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
-    begun[:n] = calm
-    np.add.at(ended, ends[calm], 1)
-    steady = np.cumsum(begun - ended)[:n] > 0
+    steady = np.cumsum(calm - np.bincount(ends[calm], minlength=n + 1)[:n]) > 0
     apart = (
         (np.abs(np.diff(filled, axis=0)).max(axis=1) > wanted.steady) | (np.diff(trial) != 0) | (np.diff(steady.astype(int)) != 0)
     )
@@ -152,10 +148,7 @@ class Stages:
 
     @classmethod
     def of(cls, q: FileRows, states: States, below: float) -> Stages:
-        """Of rows not cut into trials yet; at rest no pressure is above `below` (Pa): where one is missing, the lower of its own
-        before and after."""
-        import pandas as pd
-
+        """Of rows not cut into trials yet; at rest no pressure is above `below` (Pa), as in the row before where one lacks."""
         start, held = np.arange(len(q.t)), q.table.pressures
         begin, stop = start, start + 1
         if states.plateaus is not None:
@@ -165,16 +158,14 @@ class Stages:
                 np.array([(r.start, s.start, r.stop) for r, s in zip(rows, settled, strict=True)], np.int64).reshape(-1, 3).T
             )
             held = np.array([np.nanmean(held[r], axis=0) for r in rows]).reshape(len(rows), held.shape[1])
-        levels = pd.DataFrame(np.abs(held))
-        resting = ~(np.fmin(levels.ffill(), levels.bfill()) >= below).to_numpy().any(axis=1)
+        known = np.isfinite(held).all(axis=1)
+        resting = carried(np.where(known, np.abs(held).max(axis=1, initial=0.0) < below, np.nan)) > 0
         return cls(begin, start, stop, held, resting)
 
     def inflated(self, rows: int) -> Mask:
         """(rows,) in stages under pressure."""
-        edges = np.zeros(rows + 1, np.int64)
-        edges[self.start[~self.resting]] += 1
-        edges[self.stop[~self.resting]] -= 1
-        return np.asarray(np.cumsum(edges)[:rows] > 0)
+        begun, ended = (np.bincount(of[~self.resting], minlength=rows + 1)[:rows] for of in (self.start, self.stop))
+        return np.asarray(np.cumsum(begun - ended) > 0)
 
     def border(self, row: int) -> int:
         """The row with which a trial begins whose first settled one is `row`."""
@@ -199,21 +190,6 @@ class Stages:
         """For each span [a, b) of stages the changes in it, or just before or behind it."""
         before, after = self.around(of)
         return [[of[k] for k in np.flatnonzero((before < b) & (after >= a)).tolist()] for a, b in spans]
-
-    def without_rest(self, trial: Ints, below: float) -> Iterator[int]:
-        """Rows with which a sweep begins within a trial (n,), although others begin with a rest: the trial, the only such one,
-        inflates one after the other the chambers of two sweeps that are trials elsewhere, each twice or more."""
-        sweeps = dict[int, list[tuple[bytes, int]]]()
-        for row, held in zip(self.begin.tolist(), self.pressures, strict=True):
-            own, inflated = sweeps.setdefault(int(trial[row]), []), np.abs(held) >= below
-            if inflated.any() and np.isfinite(held).all() and (not own or own[-1][0] != inflated.tobytes()):
-                own.append((inflated.tobytes(), row))
-        names = {number: tuple(name for name, _ in own) for number, own in sweeps.items()}
-        times = Counter(names.values())
-        for number, own in sweeps.items():
-            whole = names[number]
-            parted = (k for k in range(1, len(own)) if min(times[whole[:k]], times[whole[k:]]) > 1 == times[whole])
-            yield from (own[k][1] for k in [*parted][:1])
 
     def returns(self) -> list[tuple[int, int]]:
         """Stages [a, b) at rest between two sweeps."""
@@ -248,15 +224,7 @@ def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tu
         middle = (b - a) // 2 if b - a >= max(2.0, 1.5 * level_stages) and not wanted.states.windows else 0
         begins[[stages.border(row) for row in _borders(here, int(stages.begin[a + middle]))]] = True
     begins[[stages.border(c.row) for c in followed if c not in used]] = True
-    notes = [*_notes(series, q, strange, by_rest, drive, below)]
-    for first in [*stages.without_rest(np.cumsum(begins), below)] if by_rest else ():
-        begins[first] = True
-        notes.append(
-            f"{series.path.name}, {series.place(int(q.row[first]))}: other chambers are inflated without a rest before, unlike "
-            "in the same sweeps elsewhere: the row at rest is missing, and a trial begins there; `trials: {change: [..]}` with "
-            "the column that names sweeps would say it"
-        )
-    return np.cumsum(begins).astype(np.int64), tuple(notes)
+    return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest, drive))
 
 
 def _borders(own: Sequence[Change], middle: int) -> list[int]:
@@ -268,16 +236,16 @@ def _borders(own: Sequence[Change], middle: int) -> list[int]:
     return [min((int(np.clip(middle, c.first, c.row)) for c in own), key=lambda r: abs(r - middle), default=middle)]
 
 
-def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool, drive: Words, below: float) -> Iterator[str]:
+def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool, drive: Words) -> Iterator[str]:
     """Name the first changes away from rest and the pressure of the highest chamber then, and count the others."""
     for c in strange[:MOST_NOTES]:
         held = q.table.pressures[c.row]
-        chamber = int(np.argmax(np.where(np.isfinite(held), np.abs(held), below)))  # one without a reading may be above it
-        level = f"is {held[chamber] / drive.pascal:.3g} {drive.unit}, not at rest" if np.isfinite(held[chamber]) else "is missing"
+        chamber = int(np.nanargmax(np.abs(held))) if np.isfinite(held).any() else 0
+        place = f"{series.path.name}, {series.place(int(q.row[c.row]))}"
         yield (
-            f"{series.path.name}, {series.place(int(q.row[c.row]))}: column {c.column!r} ({c.key}) changes from "
-            f"{c.before[:40]!r} to {c.after[:40]!r} while p{chamber + 1} {level}: {'no' if by_rest else 'a'} trial begins there; "
-            "correct the cell, or name another column"
+            f"{place}: column {c.column!r} ({c.key}) changes from {c.before[:40]!r} to {c.after[:40]!r} "
+            f"while p{chamber + 1} is {held[chamber] / drive.pascal:.3g} {drive.unit}, not at rest: {'no' if by_rest else 'a'} "
+            "trial begins there; correct the cell, or name another column"
         )
     if len(strange) > MOST_NOTES:
         yield f"{series.path.name}: {len(strange) - MOST_NOTES} further changes of columns contradict the rests"
@@ -303,3 +271,10 @@ def changes(q: FileRows, stages: Stages) -> list[Change]:
             if cells[before] != cells[row]
         ]
     return all_changes
+
+
+def carried(values: Array) -> Array:
+    """Values, where one is missing the one before it, at the begin the first."""
+    import pandas as pd
+
+    return np.asarray(pd.Series(values).ffill().bfill().fillna(0.0), np.float64)

@@ -263,11 +263,9 @@ def _curve(
     known = np.isfinite(pressure)
     if not known.any():
         return
-    pressure, gap = pressure[known], gap[known]
-    levels = _levels(pressure, 0.6 * _grain(pressure))
-    nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
-    means = pd.Series(gap).groupby(nearest).mean()
-    axis.plot(levels[means.index] / pascal, means, f".{style}", color=colour, lw=1.2, ms=4, label=label)
+    curve = pd.DataFrame({"pressure": pressure[known] / pascal, "gap": gap[known]})
+    means = curve.groupby(levels(pressure[known], 0.3 * _grain(pressure))).mean()
+    axis.plot(means["pressure"], means["gap"], f".{style}", color=colour, lw=1.2, ms=4, label=label)
 
 
 MODELS = {"calibrated": (GREY, "--", "s"), "explained": (BLUE, "-", "D")}

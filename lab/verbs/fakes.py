@@ -264,12 +264,13 @@ def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None
 
 def rig_yaml(rig: FakeRig, robot: str, changes: Mapping[str, Any] | None = None) -> str:
     """The rig.yaml that reaches the fakes, with `changes` to its tables; its numbers have units."""
-    tables = in_units(_merged(rig.rig_file(robot), changes or {}), RigFile)
+    tables = in_units(merged(rig.rig_file(robot), changes or {}), RigFile)
     return yaml.safe_dump(tables, sort_keys=False, default_flow_style=None, width=120)
 
 
-def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    both = {k: _merged(tables[k], v) for k, v in changes.items() if k in tables and isinstance(v, Mapping)}
+def merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables with `changes`, of tables within them too."""
+    both = {k: merged(tables[k], v) for k, v in changes.items() if k in tables and isinstance(v, Mapping)}
     return {**tables, **changes, **both}
 
 

@@ -94,7 +94,6 @@ def test_repeats_of_a_swing_are_held_out_together() -> None:
 
 
 def test_a_swing_whose_beginning_is_calibrated_is_held_out_in_parts() -> None:
-
     def begun(theta: Values, inputs: pd.DataFrame) -> Array:
         return pendulum({**STILL, **theta}, inputs.assign(start=inputs["trial"].map(lambda trial: theta[f"start_{trial}"])))
 

@@ -44,14 +44,8 @@ def turned(robot: Robot, degrees: float) -> Robot:
     return robot.model_copy(update={"chambers": robot.chambers.model_copy(update={"azimuths_deg": azimuths})})
 
 
-def softer(robot: Robot, factor: float) -> Robot:
-    moduli = {name: getattr(robot, name) * factor for name in ("youngs_modulus", "shear_modulus")}
-    return robot.model_copy(update=moduli)
-
-
 def moved(case: Measured, shift: tuple[float, float, float]) -> Measured:
-    rows = [replace(r, tip=tuple((np.array(r.tip) + shift).tolist())) for r in case.table.rows]  # type: ignore[arg-type]
-    return replace(case, table=Table.of(rows))
+    return replace(case, table=placed(case.table, lambda tip: tip + shift))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +58,7 @@ def test_a_robot_near_its_data_stays_as_it_is(case: Measured) -> None:
     own, _ = states(case)
     first = edit_first(ROBOT, own)
     assert first.robot is ROBOT and first.states is own and not first.changes
-    for described in (softer(ROBOT, 0.8), softer(ROBOT, 1.4)):
+    for described in (ROBOT.with_modulus(0.8), ROBOT.with_modulus(1.4)):
         assert edit_first(described, own).robot is described
 
 
@@ -79,9 +73,9 @@ def test_chambers_counted_from_another_one_are_found_and_named(case: Measured) -
 
 def test_the_area_factor_beside_a_mistake_keeps_to_the_modulus_that_is_not_taken_over(case: Measured) -> None:
     """Alone it may bend a limp body over to another equilibrium."""
-    first = edit_first(softer(turned(ROBOT, -90), 0.85), states(case)[0])
+    first = edit_first(turned(ROBOT, -90).with_modulus(0.85), states(case)[0])
     area, modulus = np.exp(first.fit.theta[:2])  # type: ignore[union-attr]
-    assert first.robot.youngs_modulus == softer(ROBOT, 0.85).youngs_modulus
+    assert first.robot.youngs_modulus == ROBOT.with_modulus(0.85).youngs_modulus
     assert first.robot.area_factor_at(0.0) / ROBOT.area_factor_at(0.0) == pytest.approx(area / modulus)
 
 
@@ -173,7 +167,7 @@ def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
 
 @pytest.mark.parametrize("factor", [0.07, *(pytest.param(f, marks=pytest.mark.long) for f in (0.2, 6.0))])
 def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measured, factor: float) -> None:
-    first = edit_first(softer(ROBOT, factor), states(case)[0])
+    first = edit_first(ROBOT.with_modulus(factor), states(case)[0])
     (change,) = first.changes
     assert change.code == "refitted" and change.values["name"] == "youngs_modulus"
     assert change.values["found"] == pytest.approx(ROBOT.youngs_modulus / 1e3, rel=0.15)
@@ -183,7 +177,7 @@ def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measu
 
 def test_the_cause_is_found_and_fitted_around_the_calibrated_robot(case: Measured) -> None:
     options = Options(experiments=False, catalogue=ONE)
-    there = replace(case, robot=softer(ROBOT, 2.4))
+    there = replace(case, robot=ROBOT.with_modulus(2.4))
     found = diagnose(there, options)
     assert found.attribute.effects == ("chamber_azimuth",)
     assert found.statement.startswith("Calibrated first: youngs_modulus") and found.findings[0].code == "refitted_first"
@@ -285,8 +279,7 @@ def acted(factors: dict[int, float], order: tuple[int, ...] = ()) -> Any:
         out = pressures.copy()
         for k, factor in factors.items():
             out[:, k] *= factor
-        if order:
-            out[:, list(order)] = out[:, list(order)[::-1]]
+        out[:, list(order)] = out[:, list(order)[::-1]]
         return out
 
     return change

@@ -188,8 +188,7 @@ def test_a_roll_in_rad_is_seen_by_where_the_tip_goes() -> None:
 
 
 def test_a_modulus_in_another_unit_is_asked_about_with_what_would_fit() -> None:
-    stiff = {name: 1000 * getattr(ROBOT, name) for name in ("youngs_modulus", "shear_modulus")}
-    (text,) = reading(ROBOT.model_copy(update=stiff), sweep(spines=(0.0,))).asked
+    (text,) = reading(ROBOT.with_modulus(1000), sweep(spines=(0.0,))).asked
     assert "youngs_modulus" in text and "kPa" in text
 
 
@@ -219,10 +218,7 @@ LIMP = ROBOT.model_copy(update={"youngs_modulus": 2e4, "shear_modulus": 7e3, "gr
 
 @pytest.mark.parametrize("factor", [0.2, 1.0, pytest.param(5.0, marks=pytest.mark.long)])
 def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
-    guessed = ROBOT.model_copy(
-        update={"youngs_modulus": ROBOT.youngs_modulus * factor, "shear_modulus": ROBOT.shear_modulus * factor}
-    )
-    judged = reading(guessed, sweep(spines=(0.2,)))
+    judged = reading(ROBOT.with_modulus(factor), sweep(spines=(0.2,)))
     assert not judged.refused and all(text.startswith("youngs_modulus 5") for text in judged.asked)
 
 

@@ -87,16 +87,17 @@ ALONE, STRANGE = weighed(base_tilt=0.72, none=0.2, unknown=0.08), weighed(base_t
 OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8, base_tilt=0.15, unknown=0.05)
 
 
-def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
-    sure = facts(SURE)
-    both = attributed(sure, second={"weight": 0.55, "contact": 0.44})
-    assert "of comparable size acts with it: weight [weight] (p = 0.55) or contact [contact] (p = 0.44)." in statement(both)
-
-
 @pytest.mark.parametrize(
     ("found", "conclusion", "told"),
     [
         (facts(SURE), "cause", f"Cause: tilt of the base [base_tilt] (p = 0.97; {BENCHMARK})."),
+        (facts(SURE), "cause", "tilt of the base moves the tip by 2.50 mm"),
+        (facts(SURE), "cause", "Also present: contact [contact] 0.40 mm"),
+        (
+            attributed(facts(SURE), second={"weight": 0.55, "contact": 0.44}),
+            "cause",
+            "of comparable size acts with it: weight [weight] (p = 0.55) or contact [contact] (p = 0.44).",
+        ),
         (facts(OPEN), "one of several", f"tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; {BENCHMARK})"),
         (facts(OPEN), "one of several", "cannot rule out weight [weight]."),
         (facts(ALONE), "one of several", "cannot rule out that no effect"),
@@ -110,13 +111,8 @@ def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
         (attributed(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
     ],
 )
-def test_each_conclusion_has_its_sentence(found: Diagnosis, conclusion: str, told: str) -> None:
+def test_each_conclusion_has_its_sentences(found: Diagnosis, conclusion: str, told: str) -> None:
     assert found.attribute.conclusion == conclusion and told in statement(found)
-
-
-def test_a_cause_says_what_it_accounts_for_and_what_is_there_beside_it() -> None:
-    text = statement(facts(SURE))
-    assert "tilt of the base moves the tip by 2.50 mm" in text and "Also present: contact [contact] 0.40 mm" in text
 
 
 def test_what_calibration_changed_is_part_of_the_statement() -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from lab.cli import main, parser
-from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, merged
 from tests.docs.blocks import ROOT, Block
 
 START = 180.0
@@ -78,16 +78,8 @@ def patient(rig: Path) -> None:
         assert time.monotonic() < until, f"no {rig} after {START:g} s"
         time.sleep(0.1)
     data = yaml.safe_load(rig.read_text())
-    merge(data, {**PATIENT, "instruments": {k: v for k, v in PATIENT["instruments"].items() if k in data["instruments"]}})
-    rig.write_text(yaml.safe_dump(data, sort_keys=False))
-
-
-def merge(into: dict[str, Any], changes: dict[str, Any]) -> None:
-    for key, value in changes.items():
-        if isinstance(value, dict):
-            merge(into.setdefault(key, {}), value)
-        else:
-            into[key] = value
+    changes = {**PATIENT, "instruments": {k: v for k, v in PATIENT["instruments"].items() if k in data["instruments"]}}
+    rig.write_text(yaml.safe_dump(merged(data, changes), sort_keys=False))
 
 
 class Workplace:

@@ -12,27 +12,13 @@ from drivers.errors import BadReply, DeviceFault, InstrumentError, NoReply, Stal
 from sim_fakes.alicat import PA_PER_UNIT, AlicatFake
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench, raises, started_fake
+from tests.simulated.bench import Bench, maker, raises, started_fake
 
 Make = Callable[..., Alicat]
 FAR = 15e3
 """Pa above the pressures of these tests; a set-point read in another unit of measure is further up."""
 fake = started_fake(AlicatFake, seed=2)
-
-
-@pytest.fixture
-def make(bench: Bench, fake: AlicatFake) -> Make:
-    return bench.maker(Alicat, Config, "pressure", usual(fake))
-
-
-@pytest.fixture
-def opened(bench: Bench, fake: AlicatFake) -> Make:
-    return bench.opener(Alicat, Config, "pressure", usual(fake))
-
-
-def usual(fake: AlicatFake) -> dict[str, Any]:
-    """Settings in rig.yaml."""
-    return {"port": fake.port, "chambers": ((1,), (2,), (3,)), "timeout": 1.0, "max_age": 5.0}
+make = maker(Alicat, Config, "pressure", chambers=((1,), (2,), (3,)), timeout=1.0, max_age=5.0)
 
 
 @pytest.fixture

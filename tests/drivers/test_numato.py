@@ -8,15 +8,11 @@ from drivers.errors import DeviceFault
 from drivers.numato.driver import Config, NumatoValve
 from sim_fakes.numato import NumatoFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench, raises, started_fake
+from tests.simulated.bench import maker, raises, started_fake
 
 Opened = Callable[..., NumatoValve]
 fake = started_fake(NumatoFake, relays=16)
-
-
-@pytest.fixture
-def opened(bench: Bench, fake: NumatoFake) -> Opened:
-    return bench.opener(NumatoValve, Config, "valve", {"port": fake.port, "relay": 0, "timeout": 1.0})
+make = maker(NumatoValve, Config, "valve", relay=0, timeout=1.0)
 
 
 def test_relays_above_nine_are_called_by_letters(opened: Opened, fake: NumatoFake) -> None:

@@ -9,15 +9,11 @@ from drivers.errors import BadReply, DeviceFault, NoReply, WrongDevice
 from drivers.pfeiffer.driver import HEALTH_EVERY, Config, PfeifferGauge
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import AMBIENT, Plant
-from tests.simulated.bench import Bench, raises, started_fake
+from tests.simulated.bench import maker, raises, started_fake
 
 Opened = Callable[..., PfeifferGauge]
 fake = started_fake(PfeifferFake, seed=4)
-
-
-@pytest.fixture
-def opened(bench: Bench, fake: PfeifferFake) -> Opened:
-    return bench.opener(PfeifferGauge, Config, "gauge", {"port": fake.port, "timeout": 0.5})
+make = maker(PfeifferGauge, Config, "gauge", timeout=0.5)
 
 
 @pytest.fixture

@@ -30,6 +30,27 @@ def clock(seconds: int) -> str:
 
 LVM = "LabVIEW Measurement\nWriter_Version\t2\nSeparator\tTab\nDate\t2024/03/01\n***End_of_Header***\n\n"
 EPOCH = 1_709_290_000.0
+NAMED, KINDS_OF = "Time,P1,P2,P3,Tip X,Tip Y,Tip Z", "s,kPa,kPa,kPa,mm,mm,mm"
+DEVICES = "clock,SN11,SN12,SN13,cam A,cam B,cam C"
+ALIKE = "Logger,Regulator,Regulator,Regulator,Camera,Camera,Camera"
+HEADS = {
+    "groups above numbers": ["Time,Pressure,,,Tip,,", "s,1,2,3,X,Y,Z"],
+    "groups with units above numbers": ["Time,Pressure [kPa],,,Tip [mm],,", ",1,2,3,X,Y,Z"],
+    "repeated names above numbers": ["t [s],Druck [kPa],Druck [kPa],Druck [kPa],Ort [mm],Ort [mm],Ort [mm]", ",1,2,3,x,y,z"],
+    "names, units, devices": [NAMED, KINDS_OF, DEVICES],
+    "names, devices, units": [NAMED, DEVICES, KINDS_OF],
+    "devices, names, units": [DEVICES, NAMED, KINDS_OF],
+    "names, devices alike, units": [NAMED, ALIKE, KINDS_OF],
+    "rig, devices, names, units": ["Rig A,,,,Rig A,,", "Logger,Regulator,,,Camera,,", NAMED, KINDS_OF],
+    "quantity, which one, unit": [
+        "Time,Pressure,Pressure,Pressure,Tip,Tip,Tip", ",ch 1,ch 2,ch 3,X,Y,Z", "[s],[kPa],[kPa],[kPa],[mm],[mm],[mm]",
+    ],
+    "a station above, a process below": ['"TOA5","stn","CR1000","1","2","3","4"', NAMED, KINDS_OF, ",Smp,Smp,Smp,Avg,Avg,Avg"],
+    "channels above": ["Channel,101,102,103,201,202,203", NAMED, KINDS_OF],
+    "channels below": [NAMED, KINDS_OF, "Channel,101,102,103,201,202,203"],
+    "numbers above": ["0,101,102,103,201,202,203", NAMED, KINDS_OF],
+    "ranges below": [NAMED, KINDS_OF, "-,0..100,0..100,0..100,-200..200,-200..200,-200..200"],
+}  # fmt: skip
 PLAIN = {
     "plain": text(FEW),
     "Windows line ends": text(FEW, end="\r\n"),
@@ -92,6 +113,7 @@ PLAIN = {
     ),
     "dates": text(FEW, change=lambda k, c: [f"2024-03-01 12:{4 * k // 60:02d}:{4 * k % 60:02d}.250", *c[1:]]),
     "times of day over midnight": text(FEW, change=lambda k, c: [clock(86_350 + 4 * k), *c[1:]]),
+    **{f"a heading of {lines}": "\n".join([*head, text(FEW).partition("\n")[2]]) for lines, head in HEADS.items()},
 }  # fmt: skip
 
 
@@ -103,37 +125,6 @@ def test_a_table_gives_the_states_of_the_plain_one(kind: str, tmp_path: Path) ->
     assert tips(made.table) == pytest.approx(wanted[:, 4:], abs=2e-3)
     assert pressures(made.table) == pytest.approx(wanted[:, 1:4], abs=2e-3)
     assert made.table["t"] - made.table["t"][0] == pytest.approx(wanted[:, 0], abs=1e-3)
-
-
-NAMED, KINDS_OF = "Time,P1,P2,P3,Tip X,Tip Y,Tip Z", "s,kPa,kPa,kPa,mm,mm,mm"
-DEVICES = "clock,SN11,SN12,SN13,cam A,cam B,cam C"
-ALIKE = "Logger,Regulator,Regulator,Regulator,Camera,Camera,Camera"
-HEADS = {
-    "groups above numbers": ["Time,Pressure,,,Tip,,", "s,1,2,3,X,Y,Z"],
-    "groups with units above numbers": ["Time,Pressure [kPa],,,Tip [mm],,", ",1,2,3,X,Y,Z"],
-    "repeated names above numbers": ["t [s],Druck [kPa],Druck [kPa],Druck [kPa],Ort [mm],Ort [mm],Ort [mm]", ",1,2,3,x,y,z"],
-    "names, units, devices": [NAMED, KINDS_OF, DEVICES],
-    "names, devices, units": [NAMED, DEVICES, KINDS_OF],
-    "devices, names, units": [DEVICES, NAMED, KINDS_OF],
-    "names, devices alike, units": [NAMED, ALIKE, KINDS_OF],
-    "rig, devices, names, units": ["Rig A,,,,Rig A,,", "Logger,Regulator,,,Camera,,", NAMED, KINDS_OF],
-    "quantity, which one, unit": [
-        "Time,Pressure,Pressure,Pressure,Tip,Tip,Tip", ",ch 1,ch 2,ch 3,X,Y,Z", "[s],[kPa],[kPa],[kPa],[mm],[mm],[mm]",
-    ],
-    "a station above, a process below": ['"TOA5","stn","CR1000","1","2","3","4"', NAMED, KINDS_OF, ",Smp,Smp,Smp,Avg,Avg,Avg"],
-    "channels above": ["Channel,101,102,103,201,202,203", NAMED, KINDS_OF],
-    "channels below": [NAMED, KINDS_OF, "Channel,101,102,103,201,202,203"],
-    "numbers above": ["0,101,102,103,201,202,203", NAMED, KINDS_OF],
-    "ranges below": [NAMED, KINDS_OF, "-,0..100,0..100,0..100,-200..200,-200..200,-200..200"],
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", HEADS)
-def test_a_heading_of_several_lines_names_what_each_column_holds(kind: str, tmp_path: Path) -> None:
-    _, made = through(tmp_path / "table.csv", "\n".join([*HEADS[kind], text(FEW).partition("\n")[2]]))
-    assert len(made.table) == STATES, made.notes
-    assert tips(made.table) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
-    assert pressures(made.table) == pytest.approx(np.array(FEW)[:, 1:4], abs=2e-3)
 
 
 @pytest.mark.parametrize(

@@ -143,20 +143,6 @@ def test_trials_that_follow_each_other_at_rest_are_kept(tmp_path: Path) -> None:
     assert lengths(made) == [3, 1, 1, 1, 3, 1, 1, 1]
 
 
-def test_a_rest_that_is_missing_or_lacks_a_pressure_parts_two_sweeps_all_the_same(tmp_path: Path) -> None:
-    head, *rows = table(ONE_REST, lambda s, r, g, i, k: (named(g),), ("Kammern",), repeats=3).splitlines()
-    cells = rows[20].split(";")
-    blank = ";".join([*cells[:3], "", *cells[4:]])
-    for rest in ([], [blank]):
-        made = by_map(tmp_path, "\n".join([head, *rows[:20], *rest, *rows[21:]]) + "\n", trials={"begin": "rest"})
-        assert lengths(made) == [4] * 5 + [3] + [4] * 6
-        assert any("line 22: other chambers are inflated without a rest" in note for note in made.notes) == (not rest)
-    by_column = by_map(
-        tmp_path, "\n".join([head, *rows[:20], blank, *rows[21:]]), trials={"begin": "rest", "change": ["Kammern"]}
-    )
-    assert lengths(by_column) == lengths(made) and not any("not at rest" in note for note in by_column.notes)
-
-
 def test_what_a_gauge_reads_at_rest_is_asked_about_unless_the_map_states_its_zero(tmp_path: Path) -> None:
     head, *rows = (line.split(";") for line in table(TWO_RESTS, lambda *_: (), ()).splitlines())
     moved = [[*row[:2], f"{float(row[2].replace(',', '.')) + 12:.2f}".replace(".", ","), *row[3:]] for row in rows]

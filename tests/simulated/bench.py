@@ -37,21 +37,6 @@ class Bench:
         self.ends.callback(driver.close)
         return driver
 
-    def maker(self, driver: Any, config: Any, name: str, usual: dict[str, Any]) -> Callable[..., Any]:
-        """What makes such a driver, with the usual settings in rig.yaml or others."""
-        return lambda **changes: self.closing(driver(name, config.model_validate(usual | changes), self.clock))
-
-    def opener(self, driver: Any, config: Any, name: str, usual: dict[str, Any]) -> Callable[..., Any]:
-        """What makes and opens it."""
-        make = self.maker(driver, config, name, usual)
-
-        def opened(**changes: object) -> Any:
-            made = make(**changes)
-            made.open()
-            return made
-
-        return opened
-
     def end(self) -> None:
         """Close drivers and stop fakes, the last ones first."""
         self.ends.close()
@@ -65,6 +50,17 @@ def started_fake(kind: Callable[..., Any], **settings: Any) -> Any:
         return bench.started(kind(bench.plant, bench.clock, **settings))
 
     return fake
+
+
+def maker(driver: Any, config: Any, name: str, **usual: Any) -> Any:
+    """The fixture of what makes such a driver of `fake`, with the usual settings in rig.yaml or others."""
+
+    @pytest.fixture
+    def make(bench: Bench, fake: Any) -> Any:
+        own = {"port": fake.port} | usual
+        return lambda **changes: bench.closing(driver(name, config.model_validate(own | changes), bench.clock))
+
+    return make
 
 
 def wait_until(condition: Callable[[], object], within: float = 60.0) -> None:

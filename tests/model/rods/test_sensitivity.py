@@ -15,7 +15,6 @@ Array = np.ndarray
 TIGHT = Fast(divisions=16.0, close=1e-13)
 FIXED = replace(TIGHT, steps=np.full((2, 2), 12))
 """Fixed, so that differences are of one smooth function."""
-"""With room for all that an effect may change, as the diagnosis differentiates rods."""
 ARCS = np.array([0.0, 0.07, 0.16, 0.33, LENGTH])
 
 
