@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations, permutations, product
+from itertools import permutations, product
 from operator import ne
 
 import numpy as np
@@ -29,7 +29,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, as_connected, columns_exchanged, equal, looks_like, swapped
+from .order import SAME, apart, as_connected, columns_exchanged, equal, order_at, swaps
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -111,16 +111,18 @@ def _azimuths(sense: int, mapped: Mapped | None, robot: Robot, theta: Array, own
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
     found = (sense * given + (1 - sense) * given[0] + whole) % 360
+    order = order_at(robot, found)
+    alike, of_two = bool(order) and equal(robot, order), order in swaps(len(given)).values()
     if sense < 0:
-        if (order := swapped(found, given)) and equal(robot, order):
+        if alike and of_two:
             return _connected_says(order, robot)
         how = short = words.fill("{actuators} counted the other way round")
-        as_stated = given[order] if order else -given  # in the other sense
+        as_stated = given[order] if of_two else -given  # in the other sense
         found = as_stated if (apart(found, as_stated) < SAME).all() else found
     else:
         from_where = ", counted from the opposite direction" * (abs(whole) == 180.0)
         how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
-    how = columns_exchanged(robot, found, mapped) + how + looks_like(robot, found)
+    how = columns_exchanged(robot, found, mapped) + how + f", or {as_connected(robot, order)}" * alike
     said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
     return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
 
@@ -316,10 +318,10 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     highest, columns = np.abs(pressures).max(axis=0), range(pressures.shape[1])
     given, words = robot.actuators.azimuths_deg, robot.actuators.words
     apart = np.abs(pressures[:, :, None] - pressures[:, None]).max(axis=0) > 0.1 * highest.max()
-    swaps = [(i, j, [{i: j, j: i}.get(k, k) for k in columns]) for i, j in combinations(columns, 2) if apart[i, j]]
-    for i, j, order in swaps:
+    pairs = {pair: order for pair, order in swaps(len(highest)).items() if apart[pair]}
+    for (i, j), order in pairs.items():
         same, line = equal(robot, order), listed(np.take(given, order))
-        share = 0.04 / len(swaps) / (1 if same else 2)
+        share = 0.04 / len(pairs) / (1 if same else 2)
         yield Edit("order", share, partial(_connected_says, order), partial(_connected, order))
         if not same:
             how = words.fill("azimuths of {actuators} {} and {} are swapped", str(i + 1), str(j + 1))
