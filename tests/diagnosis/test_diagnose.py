@@ -61,7 +61,7 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert {"gap_rmse_mm", "noise_floor_mm", "significant"} <= set(d["locate"])
     assert set(d["attribute"]) == {f.name for f in fields(Attribute)}
     ranked = d["attribute"]["ranking"][0]
-    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters", "limited"} == set(ranked)
+    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters", "limited", "in_words"} == set(ranked)
     assert all(set(v) == {"value", "sd", "unit", "determined", "bound"} for v in ranked["parameters"].values())
     assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
     assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
@@ -235,7 +235,7 @@ def test_numbers_that_nearly_cancel_are_stated_with_what_they_do_together() -> N
     for found in (diagnose(told, quick({"precurvature": CATALOGUE["precurvature"]})), fit_effects(told, [])):
         (beyond,) = (f for f in found.findings if f.code == "beyond_tolerance")
         assert [n.values.get("name") for n in beyond.values["numbers"]] == ["tilt.y", "frame_turn.y", None]
-        assert "hardly tell tilt.y and frame_turn.y apart: change all of them or none. Re-measure" in beyond.text
+        assert "hardly tell these apart: change all of them or none. Re-measure" in beyond.text
 
 
 def test_repeats_that_scatter_are_stated_in_mm() -> None:

@@ -22,7 +22,7 @@ from model.errors import BadEffect
 from model.prediction import Predictor
 from model.robot import Robot
 from recordings.trials import Table
-from tests.diagnosis.small_campaigns import SOME, answer, campaign, moved_by, quick
+from tests.diagnosis.small_campaigns import SOME, answer, campaign, measured, moved_by, quick
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.diagnosis.test_edits import FINGER, read
 from tests.lab.diagnosed_case import campaign as bending
@@ -106,6 +106,14 @@ def test_a_fit_ends_at_the_same_numbers_from_its_own_starts_and_from_those_of_an
     found = fit_effects(case, ["chamber_ballooning"]).parameters
     again = fit_effects(case, ["chamber_ballooning"], start={name: p.value for name, p in found.items()}).parameters
     assert all(again[name].value == pytest.approx(p.value, abs=0.01 * p.sd) for name, p in found.items())
+
+
+def test_a_cable_that_pulls_many_times_harder_than_is_plausible_has_its_size_and_leaves_none_of_it_to_the_area() -> None:
+    pulls = {"x": 1.5, "y": -0.6, "spring": 25.0}
+    fitted = fit_effects(measured(2, 1, (0.0,), **{f"tether_load__{k}": v for k, v in pulls.items()}), ["tether_load"])
+    for name, value in pulls.items():
+        found = fitted.parameters[f"tether_load.{name}"]
+        assert found.determined and abs(found.value - value) < 2 * found.sd, found
 
 
 @pytest.mark.parametrize(
