@@ -42,9 +42,9 @@ class Edited:
     robot: Robot
     states: Campaign
     changes: tuple[Finding, ...] = ()
-    before: float = 0.0
-    after: float = 0.0
-    """m, robust rms of the tip within `EDIT_USUAL`, and with the edits."""
+    before_mm: float = 0.0
+    after_mm: float = 0.0
+    """Robust rms of the tip within `EDIT_USUAL`, and with the edits."""
     fit: Fit | None = None
     """None where nothing was changed."""
     with_order: bool = False
@@ -53,9 +53,8 @@ class Edited:
     @property
     def concerns(self) -> list[Finding]:
         """Findings for a person to check; empty if nothing was changed."""
-        before_mm, after_mm = self.before * 1e3, self.after * 1e3
-        changes = list(self.changes)
-        return [finding("refitted_first", before_mm=before_mm, after_mm=after_mm, changes=changes)] if changes else []
+        left = {"before_mm": self.before_mm, "after_mm": self.after_mm}
+        return [finding("refitted_first", **left, changes=[*self.changes])] if self.changes else []
 
     @property
     def numbers(self) -> tuple[Finding, ...]:
@@ -82,7 +81,7 @@ class Edited:
     def detail(self) -> dict[str, object]:
         """Plain values for the answer's JSON."""
         adjusted = [{"code": c.code, **c.values, "at_bound": bool(c.values.get("limit"))} for c in self.numbers]
-        numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
+        numbers = {"before_mm": self.before_mm, "after_mm": self.after_mm, "adjusted": adjusted}
         return numbers | ({"order": self.changes[0].text} if self.with_order else {})
 
     def moved(self, states: Campaign) -> Campaign:
@@ -230,7 +229,7 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     changes = list[Finding]()
     for edit, own in sorted(mistakes(robot, fit), key=lambda one: one[0].kind not in as_effect):
         changes += edit.findings(found.sample.robot, fit.theta, own, found.probability(edit.kind), found.rather(edit, own, fit))
-    before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
+    before, after = (1e3 * float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(made, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
 
 

@@ -73,7 +73,7 @@ def test_chambers_counted_from_another_one_are_found_and_named(case: Measured) -
         first = edit_first(turned(ROBOT, degrees), states(case)[0])
         (change,) = first.changes
         assert change.values["found"] % 360 == pytest.approx(ROBOT.chambers.azimuths_deg[0] % 360, rel=0.1, abs=6)
-        assert first.after < 0.35 * first.before and said in first.concerns[0].text
+        assert first.after_mm < 0.35 * first.before_mm and said in first.concerns[0].text
         assert f"write `azimuths_deg: {listed.listed(np.mod(ROBOT.chambers.azimuths_deg, 360))}` in robot.yaml" in change.text
 
 
@@ -178,7 +178,7 @@ def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measu
     assert change.code == "refitted" and change.values["name"] == "youngs_modulus"
     assert change.values["found"] == pytest.approx(ROBOT.youngs_modulus / 1e3, rel=0.15)
     assert first.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
-    assert first.after < 0.35 * first.before and "youngs_modulus" in first.concerns[0].text
+    assert first.after_mm < 0.35 * first.before_mm and "youngs_modulus" in first.concerns[0].text
 
 
 def test_the_cause_is_found_and_fitted_around_the_calibrated_robot(case: Measured) -> None:
@@ -357,7 +357,7 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     assert all(word in text for word in words) and "(p = " in text, text
     assert first.robot.markers == pytest.approx([s * described.length for s in (0.4, 0.7)][: len(described.markers)], abs=2e-3)
     assert len(first.changes) == 1 + (" and " in mistake)
-    assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
+    assert first.after_mm < 0.4 * first.before_mm or "attitudes" in mistake or "quaternions" in mistake
 
 
 def test_an_edit_acts_on_all_states_not_only_on_those_that_were_compared() -> None:
@@ -511,7 +511,7 @@ def test_chambers_that_differ_change_places_by_pressures_or_by_azimuths_and_one_
         (four, read(four, acted({}, (0, 1))), False, r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"),
     ):
         first = edit_first(described, campaign(table), ("chamber_order",))
-        assert re.match(said, str(first.changes[0])) and first.with_order == as_effect and first.after < 1e-3, first.changes
+        assert re.match(said, str(first.changes[0])) and first.with_order == as_effect and first.after_mm < 1, first.changes
 
 
 def test_another_order_that_these_states_cannot_tell_from_the_one_that_is_made_is_stated_beside_it() -> None:
