@@ -183,7 +183,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     changed = edited.named or sentences.changed_by(answer)
     beyond = edited.at_bound or (adjusted is not None and adjusted.at_bound)
     by_calibration = sentences.closed_by_calibration(answer)
-    line = edited.headline or headline(answer, options.catalogue, edited.robot, by_calibration, changed, beyond, bool(alone))
+    line = edited.headline or headline(answer, options.catalogue, by_calibration, changed, beyond, bool(alone))
     return Examined(replace(answer, headline=line), rivals, edited)
 
 

@@ -307,10 +307,8 @@ def within_with_effect(f: Attribution, moved: Mapping[int, float], names: Mappin
         fit = fit_alone(f.prepared.problem, (effect,), f.calibrated.theta, 30)
         within = [p.infos[i].name.removesuffix(".excess") for i in moved if abs(fit.theta[i]) <= judgement.BEYOND_SD * p.sd[i]]
         if within and f.closes(fit) and moved.keys() >= p.tense(fit.theta).keys():
-            sizes = [
-                (float(x), i.unit) for x, i in zip(fit.theta, p.infos, strict=True) if i.source == effect and i.role == "size"
-            ]
-            amount = " {:+.3g} {}".format(*_in_percent(*sizes[0])) * (len(sizes) == 1)
+            first, *more = (k for k, i in enumerate(p.infos) if (i.source, i.role) == (effect, "size"))
+            amount = "" if more else " {:+.3g} {}".format(*_in_percent(float(fit.theta[first]), p.infos[first].unit))
             stay = "all of these" if len(within) == len(moved) else " and ".join(within)
             said = finding("within_with_effect", effect=with_id(effect, names) + amount, numbers=stay)
             found.setdefault(len(within), said)

@@ -20,7 +20,7 @@ from ..arrays import Array, Mask
 from ..data.plausible import METRES, PASCALS
 from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Variants, mistake, stating, times
-from .listed import FRAMES, MIRROR, axes_say, gravity_along, gravity_says
+from .listed import FRAMES, MIRROR, NO_TURN, axes_say, gravity_along, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
@@ -81,7 +81,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             of_one = stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
             says = axes_say(axes, table.mapped) if whole else of_one
             proper = axes * np.round(np.linalg.det(axes))
-            turn = scipy.spatial.transform.Rotation.from_matrix(proper).as_quat(scalar_first=True) if whole else None
+            turn = scipy.spatial.transform.Rotation.from_matrix(proper).as_quat(scalar_first=True) if whole else NO_TURN
             yield Edit(kind, prior / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 
@@ -114,20 +114,19 @@ def _mean(places: Array) -> Array:
     return np.asarray(np.ma.masked_invalid(places).mean(axis=1, keepdims=True).filled(0.0))
 
 
-def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Variants, own: Array) -> Variants:
+def _about_rest(axes: Array, bodies: Sequence[int], turn: Array, v: Variants, own: Array) -> Variants:
     """Places of some bodies along other axes of the file about where they rest, and attitudes turned by a quaternion."""
-    points, orientation, some = _points(v), v.orientation, [*bodies]
+    points, some = _points(v), [*bodies]
     rest = _mean(points[:, at_rest(v.table)])[:, :, some]
     points[:, :, some] = rest + (points[:, :, some] - rest) @ axes.T
-    if turn is not None:
-        orientation = multiply(multiply(turn, orientation), turn * CONJUGATE)
+    orientation = multiply(multiply(turn, v.orientation), turn * CONJUGATE)
     return replace(v, tip=points[:, :, 0], markers=points[:, :, 1:], orientation=orientation)
 
 
 def _scaled(factors: Array, v: Variants, own: Array) -> Variants:
     """Places with each axis times a factor: about where they rest if the map moved them there, else from the origin."""
     if v.table.moved_to_model:
-        return _about_rest(np.diag(factors), range(1 + v.markers.shape[2]), None, v, own)
+        return _about_rest(np.diag(factors), range(1 + v.markers.shape[2]), NO_TURN, v, own)
     return replace(v, tip=v.tip * factors, markers=v.markers * factors)
 
 
