@@ -241,13 +241,10 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         if o.probability >= judgement.LEAST_STATED or o is c.origins[0]
     ]
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
-    by_mass = (
-        f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " if stiff else ""
-    )
+    by_mass = f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " * stiff
     return (
         "One wrong number could account for most of the calibration (probability of each by itself; several may be wrong, so "
-        "these need not sum to 1): "
-        f"{', or '.join(possible)}. To find out, {by_mass}{_checked(words)}"
+        f"these need not sum to 1): {', or '.join(possible)}. To find out, {by_mass}{_checked(words)}"
     )
 
 

@@ -40,9 +40,7 @@ SMALL, LARGE = 20e3, 500e3
 EFFECT = 6.0
 """Prior standard deviations of a parameter within which an effect competes."""
 AXES = np.eye(3)
-FRAMES = [
-    np.array(signs)[:, None] * AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
-]
+FRAMES = [np.diag(signs) @ AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 """Each way in which axes of a file can be those of the base."""
 NO_TURN, ASKEW = np.array([1.0, 0.0, 0.0, 0.0]), 0.004
 """Identity; agreement (cosine of half an angle) that a tracked body turned by any angle must gain on turns by quarters."""
