@@ -53,8 +53,8 @@ class Edited:
     @property
     def concerns(self) -> list[Finding]:
         """Findings for a person to check; empty if nothing was changed."""
-        left = {"before_mm": self.before_mm, "after_mm": self.after_mm}
-        return [finding("refitted_first", **left, changes=[*self.changes])] if self.changes else []
+        changes, before, after = [*self.changes], self.before_mm, self.after_mm
+        return [finding("refitted_first", before_mm=before, after_mm=after, changes=changes)] if changes else []
 
     @property
     def numbers(self) -> tuple[Finding, ...]:
