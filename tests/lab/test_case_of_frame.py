@@ -242,7 +242,7 @@ def test_a_load_that_is_left_out_is_named_with_its_mass(tmp_path: Path) -> None:
     found, *_ = sagging(tmp_path, "15 %", 6e-3, tip_mass=16e-3)
     (first, *_) = diagnose(found, Options(False, False, WEIGHED | {"tip_payload": CATALOGUE["tip_payload"]})).attribute.ranking
     mass = first.parameters["tip_payload.mass"]
-    assert first.effects == ("tip_payload",) and first.probability > 0.9 and abs(mass.value - 10e-3) < mass.sd < 4e-3
+    assert first.effects == ("tip_payload",) and first.probability > 0.9 and abs(mass.value - 10e-3) < mass.sd < 5e-3
 
 
 def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predicted_as_written(tmp_path: Path) -> None:
