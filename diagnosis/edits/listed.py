@@ -29,7 +29,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, as_connected, columns_exchanged, equal, order_at, swaps
+from .order import SAME, apart, as_connected, equal, order_at, swaps
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -66,7 +66,7 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         yield Edit("modulus", 0.02, partial(_stiffness, "bending_stiffness", 1.0, "N m^2"), apply, tenfold, widest)
     for sense, prior in ((1, 0.05), (-1, 0.03)):  # chambers turned, and counted the other way round, from the first one
         counted = partial(lambda s, v, _: replace(v, azimuth=s * v.azimuth + (1 - s) * v.azimuth[..., :1]), sense)
-        yield Edit("order", prior, partial(_azimuths, sense, sample.table.mapped), counted, EIGHTHS, widens={AZIMUTH: np.pi})
+        yield Edit("order", prior, partial(_azimuths, sense), counted, EIGHTHS, widens={AZIMUTH: np.pi})
     given, size = np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     known, signs = [given], ((0.01, given * each) for each in product((1.0, -1.0), repeat=3))
     for prior, down in ((0.03, -given), *signs, *((0.005, sign * size * axis) for axis in AXES for sign in (1, -1))):
@@ -104,7 +104,7 @@ def _stiffness(name: str, size: float, unit: str, robot: Robot, theta: Array, ow
     return said if abs(change) > judgement.EDIT_USUAL[MODULUS] else []
 
 
-def _azimuths(sense: int, mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given, turn, words = np.array(robot.actuators.azimuths_deg), float(np.degrees(theta[AZIMUTH])), robot.actuators.words
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
@@ -120,7 +120,7 @@ def _azimuths(sense: int, mapped: Mapped | None, robot: Robot, theta: Array, own
     else:
         from_where = ", counted from the opposite direction" * (abs(whole) == 180.0)
         how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
-    how = columns_exchanged(robot, found, mapped) + how + f", or {as_connected(robot, order)}" * alike
+    how += f", or {as_connected(robot, order)}" * alike
     said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
     return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
 

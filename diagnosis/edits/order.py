@@ -11,11 +11,9 @@ from model.effects.laws.actuation import ORDERS, orders
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
-from recordings.trials import Mapped, pressure_columns
 
 from ..arrays import Array, Ints
 from ..data.campaign import Campaign
-from ..remedies import heading
 
 ORDER = "chamber_order"
 """The effect that swaps chambers."""
@@ -76,22 +74,6 @@ def with_order(robot: Robot, place: int) -> Robot:
     values = {"blend": 1.0, "which": float(place - len(ORDERS) // 2)}
     stated = {name: Stated(value=value, sd=0.0, unit="1") for name, value in values.items()}
     return robot.model_copy(update={"effects": {**robot.effects, ORDER: stated}})
-
-
-def columns_exchanged(robot: Robot, azimuths_deg: Array, mapped: Mapped | None) -> str:
-    """Say which two columns of the file have the actuators push as at these azimuths if they are exchanged; empty if none do."""
-    push = robot.bending_directions
-    acting = push * np.exp(1j * np.radians(azimuths_deg - np.array(robot.actuators.azimuths_deg)))
-    headings = np.array([heading(name, mapped) for name in pressure_columns(len(push))])
-    names = list(dict.fromkeys(headings.tolist()))
-    own = np.array([headings == name for name in names]).astype(float)  # one regulator may feed several
-    stated, found, count = own @ push, own @ acting, own.sum(axis=1)
-    for (a, b), order in swaps(len(names)).items():
-        off = np.abs(found - stated[order]).max()
-        if count[a] == count[b] and off < np.radians(SAME) * np.abs(push).max():
-            where = "lab.case" if mapped is not None and mapped.call else "map.yaml"
-            return f"columns {names[a]} and {names[b]} are exchanged (exchange them in {where}), or "
-    return ""
 
 
 def as_connected(robot: Robot, order: Sequence[int] | Ints) -> str:
