@@ -10,13 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import permutations, product
-from operator import ne
 
 import numpy as np
 import scipy
 
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
-from model.effects.laws.actuation import orders
 from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
@@ -113,7 +111,7 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
     alike, of_two = bool(order) and equal(robot, order), order in swaps(len(given)).values()
     if sense < 0:
         if alike and of_two:
-            return _connected_says(order, robot)
+            return _exchanged_say(order, robot)
         how = short = words.fill("{actuators} counted the other way round")
         as_stated = given[order] if of_two else -given  # in the other sense
         found = as_stated if (apart(found, as_stated) < SAME).all() else found
@@ -125,12 +123,9 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
     return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
 
 
-def _connected_says(order: Sequence[int], robot: Robot, *_: Array) -> list[Mistake]:
-    """State that actuators get the pressures of others, (actuators,) indices, and the remedies that predict the same."""
-    first, second, *more = (k + 1 for k, other in enumerate(order) if k != other)
-    if more:
-        how, columns = as_connected(robot, order), ", ".join(f"p{k + 1}" for k in order)
-        return [mistake("connected_elsewhere", how, how=how, columns=columns)]
+def _exchanged_say(order: Sequence[int], robot: Robot, *_: Array) -> list[Mistake]:
+    """State that two actuators get each other's pressures, (actuators,) indices, and the remedies that predict the same."""
+    first, second = (k + 1 for k, other in enumerate(order) if k != other)
     remedy = f"swap p{first} and p{second} in the table or in its map"
     remedy += ", or their azimuths_deg in robot.yaml" * equal(robot, order)
     return [mistake("actuators_exchanged", "order of the {actuators}", first=first, second=second, remedy=remedy)]
@@ -320,14 +315,12 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     for (i, j), order in pairs.items():
         same, line = equal(robot, order), listed(np.take(given, order))
         share = 0.04 / len(pairs) / (1 if same else 2)
-        yield Edit("order", share, partial(_connected_says, order), partial(_connected, order))
+        exchanged = partial(lambda order, v, _: replace(v, pressure=v.pressure[:, :, order]), order)
+        yield Edit("order", share, partial(_exchanged_say, order), exchanged)
         if not same:
             how = words.fill("azimuths of {actuators} {} and {} are swapped", str(i + 1), str(j + 1))
             says = stating("azimuths_elsewhere", how, how=how, given=given[i], found=given[j], line=line)
             yield Edit("order", share, says, partial(lambda order, v, _: replace(v, azimuth=v.azimuth[:, :, order]), order))
-    rings = [order for order in orders(given).tolist() if sum(map(ne, order, columns)) > 2 and not equal(robot, order)]
-    for order in rings:  # where actuators are equal, these are azimuths
-        yield Edit("order", 0.02 / len(rings), partial(_connected_says, order), partial(_connected, order))
     driven, widest = np.flatnonzero(highest > 0), float(np.log(2e5))
     for k in driven.tolist():
         share, others = 1 / len(driven), highest[driven[driven != k]]
@@ -346,10 +339,6 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     roll = np.abs(sample.table.get("roll_deg", 0.0))
     if 0 < roll.max() < 2 * np.pi + 0.01:
         yield Edit("roll", 0.03, stating("roll_in_rad", "column roll_deg"), lambda v, _: replace(v, roll=np.degrees(v.roll)))
-
-
-def _connected(order: Sequence[int], v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure[:, :, order])
 
 
 def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Variants:

@@ -494,24 +494,11 @@ def test_two_that_are_swapped_are_named_as_such_also_where_they_are_an_effect_or
 def test_chambers_that_differ_change_places_by_pressures_or_by_azimuths_and_one_remedy_is_no_other() -> None:
     drive = {"radius": 0.004, "path_radius": [0.0105, 0.009, 0.0105, 0.0075], "azimuths_deg": [0.0, 90.0, 180.0, 270.0]}
     four = FINGER.replace(chambers=drive, gravity=[0.0, 0.0, 9.81])
-    ring = read(four, lambda p: p[:, [1, 2, 3, 0]])
-    for described, table, as_effect, said in (
-        (
-            turned(four, -90),
-            read(four),
-            False,
-            r"(?!.* receive ).*all azimuths are 90 deg off .*write `azimuths_deg: \[0, 90, 180, ",
-        ),
-        (
-            four,
-            ring,
-            True,
-            r"chambers 1 to 4 receive the pressures of 2 3 4 1 \(p = .* hold what is now p2, p3, p4, p1, or reconnect",
-        ),
-        (four, read(four, acted({}, (0, 1))), False, r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"),
-    ):
+    off = r"(?!.* receive ).*all azimuths are 90 deg off .*write `azimuths_deg: \[0, 90, 180, "
+    swap = r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"
+    for described, table, said in ((turned(four, -90), read(four), off), (four, read(four, acted({}, (0, 1))), swap)):
         first = edit_first(described, campaign(table), ("chamber_order",))
-        assert re.match(said, str(first.changes[0])) and first.with_order == as_effect and first.after_mm < 1, first.changes
+        assert re.match(said, str(first.changes[0])) and not first.with_order and first.after_mm < 1, first.changes
 
 
 def test_another_order_that_these_states_cannot_tell_from_the_one_that_is_made_is_stated_beside_it() -> None:
