@@ -77,9 +77,6 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
-    if robot.tip_mass > 0:  # what more it carries, the diagnosis names; less than half is no load but a wrong number
-        lighter = ((-0.6 * robot.tip_mass,), (-0.9 * robot.tip_mass,))
-        yield Edit("weight", 0.05, _tip_mass, _heavier, lighter, ((-robot.tip_mass, -0.5 * robot.tip_mass),))
     for k in np.flatnonzero(np.isfinite(sample.described.markers).any(axis=(0, 1, 3))).tolist():
         moved = partial(lambda which, v, own: replace(v, arcs=v.arcs + own[:, None] * which), np.eye(len(arcs))[k])
         starts, bounds = ((-0.05 * robot.length,), (0.05 * robot.length,)), ((-arcs[k], robot.length - arcs[k]),)
@@ -164,14 +161,6 @@ def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given = 1e3 * robot.length
     return [mistake("length_differs", "length", given=given, found=given * (1 + float(own[0])), unit="mm")]
-
-
-def _tip_mass(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    return _refitted("tip_mass", 1e3 * robot.tip_mass, 1e3 * (robot.tip_mass + float(own[0])), "g")
-
-
-def _heavier(v: Variants, own: Array) -> Variants:
-    return replace(v, mass=np.maximum(v.mass + own, 0.0))
 
 
 def _arc(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -371,7 +360,8 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     robot = sample.robot
     mass = max(body_mass(robot), 1e-6)
     starts = tuple((share * mass,) for share in (-0.3, 0.3, 1.2))
-    yield Edit("weight", 0.1, apply=_heavier, starts=starts, bounds=((-0.5 * robot.tip_mass, 3 * mass),), left=True)
+    yield Edit("weight", 0.1, apply=lambda v, own: replace(v, mass=np.maximum(v.mass + own, 0.0)), starts=starts,
+               bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)  # fmt: skip
     yield Edit("weight", 0.1, apply=lambda v, own: replace(v, gravity=own[:, :, None] * v.gravity),
                starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)  # fmt: skip
     wander = np.eye(3)[:, None] * robot.length * np.linspace(-0.5, 0.5, len(sample.table))[:, None]  # over the campaign
