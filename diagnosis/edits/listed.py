@@ -27,7 +27,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, as_connected, equal, order_at, swaps
+from .order import SAME, apart, equal, order_at, swaps
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -88,10 +88,6 @@ def _refitted(name: str, given: float, found: float, unit: str, limit: bool = Fa
     return [mistake("refitted", short or name, name=name, given=given, found=found, unit=unit, limit=reached)]
 
 
-def _beyond(theta: Array, number: int) -> bool:
-    return bool(abs(theta[number]) > judgement.EDIT_USUAL[number])
-
-
 def _stiffness(name: str, size: float, unit: str, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     change, given = float(own[0] if own.size else theta[MODULUS]), getattr(robot, name) / size
     limit = abs(change) > judgement.EDIT_AT_BOUND * WIDEST
@@ -115,9 +111,10 @@ def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistak
     else:
         from_where = ", counted from the opposite direction" * (abs(whole) == 180.0)
         how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
-    how += f", or {as_connected(robot, order)}" * alike
+    whose = " ".join(str(k + 1) for k in order)
+    how += words.fill(f", or {{actuators}} 1 to {len(order)} receive the {{pressures}} of {whose}") * alike
     said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
-    return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
+    return [said] if sense < 0 or abs(theta[AZIMUTH]) > judgement.EDIT_USUAL[AZIMUTH] else []
 
 
 def _exchanged_say(order: Sequence[int], robot: Robot, *_: Array) -> list[Mistake]:
@@ -142,7 +139,7 @@ def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
     limit = bool(np.abs(theta[GRAVITY]).max() > judgement.EDIT_AT_BOUND * np.radians(25))
     said = _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
-    return said if _beyond(theta, 3) or _beyond(theta, 4) else []
+    return said if (np.abs(theta[GRAVITY]) > judgement.EDIT_USUAL[GRAVITY]).any() else []
 
 
 def _tilt(v: Variants, own: Array) -> Variants:

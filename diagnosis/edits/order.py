@@ -12,7 +12,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
 
-from ..arrays import Array, Ints
+from ..arrays import Array
 from ..data.campaign import Campaign
 
 ORDER = "chamber_order"
@@ -62,7 +62,7 @@ def order_at(robot: Robot, azimuths_deg: Array) -> list[int]:
     return next((order for order in others if (apart(azimuths_deg[order], given) < SAME).all()), [])
 
 
-def equal(robot: Robot, order: Sequence[int] | Ints) -> bool:
+def equal(robot: Robot, order: Sequence[int]) -> bool:
     """Whether each actuator is like the one whose pressure it gets: then azimuths in this order predict the same."""
     drive, count = robot.actuators, len(robot.actuators.azimuths_deg)
     own = np.array([drive.levers, np.broadcast_to(drive.ends or robot.length, count)])
@@ -74,9 +74,3 @@ def with_order(robot: Robot, place: int) -> Robot:
     values = {"blend": 1.0, "which": float(place - len(ORDERS) // 2)}
     stated = {name: Stated(value=value, sd=0.0, unit="1") for name, value in values.items()}
     return robot.model_copy(update={"effects": {**robot.effects, ORDER: stated}})
-
-
-def as_connected(robot: Robot, order: Sequence[int] | Ints) -> str:
-    """Say whose pressures the actuators receive, as (actuators,) indices."""
-    whose = " ".join(str(k + 1) for k in order)
-    return robot.actuators.words.fill(f"{{actuators}} 1 to {len(order)} receive the {{pressures}} of {whose}")
