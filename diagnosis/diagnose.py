@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -139,6 +140,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(causes, decision=doubted(causes.decision, (*reasons, *unsettled), len(alone)))
+    too_far = partial(sentences.beyond_tolerance, prepared, causes.best.fit, edited.robot)
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),
@@ -154,7 +156,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *far,
             *sentences.to_look_at(prepared, {size.name: size for size in named_sizes}),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
-            *(sentences.out_of_tolerance(causes, fit, moved, edited.robot, names) for fit, moved in tense.items()),
+            *(too_far(moved, fit, sentences.within_with_effect(causes, moved, names)) for fit, moved in tense.items()),
             *sentences.scatter(prepared, location.noise_floor_mm),
             *sentences.ramps_assumed(edited.states, [options.catalogue[e] for e in causes.decision.effects], words),
             *(finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain) for e in own_errors),
@@ -181,7 +183,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     changed = edited.named or sentences.changed_by(answer)
     beyond = edited.at_bound or (adjusted is not None and adjusted.at_bound)
     by_calibration = sentences.closed_by_calibration(answer)
-    line = edited.headline or headline(answer, options.catalogue, edited.robot, by_calibration, changed, beyond, bool(alone))
+    line = edited.headline or headline(answer, options.catalogue, by_calibration, changed, beyond, bool(alone))
     return Examined(replace(answer, headline=line), rivals, edited)
 
 

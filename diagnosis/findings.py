@@ -194,7 +194,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "on, or make two cases{rather}"
         ),
         "actuators_exchanged": ("{actuators} {first} and {second} are swapped (p = {p:.2f}): {remedy}{rather}"),
-        "connected_elsewhere": "{how} (p = {p:.2f}): let p1 .. hold what is now {columns}, or reconnect them{rather}",
         "azimuths_elsewhere": "{how} (p = {p:.2f}): write `azimuths_deg: {line}` in robot.yaml{rather}",
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"

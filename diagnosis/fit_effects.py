@@ -227,7 +227,7 @@ def fit_described(
     tense = p.problem.parameters.tense(fitted.fit.theta)
     factor, numbers = p.area_factor(baseline.theta), AXES * len(campaign)
     area = AreaFit(Estimate(factor, stated[AREA_FACTOR].sd, numbers, numbers, rms(before) / math.sqrt(AXES)))
-    findings = (*tracked_turn(p, fitted.fit.theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
+    findings = (*tracked_turn(p, fitted.fit.theta), *([beyond_tolerance(p, fitted.fit, robot, tense)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
         trials=len(np.unique(campaign.trial)), area_factor=area, findings=findings,

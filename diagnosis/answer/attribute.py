@@ -19,16 +19,13 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import Executor
 from ..inference.fit import Fit, fit_alone
-from ..inference.posterior import UNKNOWN, EffectPosterior, Related, alike, odds_of_relatives, with_unknown
-from ..inference.prepare import AREA, MODULUS, PAYLOAD, Prepared
+from ..inference.posterior import EffectPosterior, Related, alike, odds_of_relatives, with_unknown
+from ..inference.prepare import AREA, MODULUS, Prepared
 from ..judgement import BEYOND_SD, LEAST_STATED, LISTED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
 from .result import FittedRobot
 from .size import Size, as_fitted, sizes
-
-MOST_INSTEAD, OF_ANY_SIZE = 3, 100.0
-"""Effects that are tried in the place of a calibration beyond tolerances, and times their scale that they may have."""
 
 
 @dataclass(frozen=True)
@@ -65,33 +62,19 @@ class Attribution:
         answer, or leaves nothing above the noise floor. One number of the body has one value, that of the statement."""
         p, best = self.prepared.problem.parameters, self.best.fit.theta
         alone = best if fitted is None else np.array([fitted.get(*own) for own in zip(p.names, best.tolist(), strict=True)])
-        own, closes = p.tense(alone, best), self._closing(self.calibrated, anyway=self.decision.verdict == "none") or {}
-        closes = closes and p.tense(np.where(np.isin(np.arange(len(best)), [*own]), 0.0, self.calibrated.theta))
+        own, closes = p.tense(alone, best), dict[int, float]()
+        if self.decision.verdict == "none" or self.closes(self.calibrated):
+            closes = p.tense(np.where(np.isin(np.arange(len(best)), [*own]), 0.0, self.calibrated.theta))
         found = {"the fit with the cause": own, "calibration, which alone closes the gap,": closes}
         found = found if fitted is not None else {"the fit": own | closes}
         stated = self.calibrated.theta if fitted is None else alone  # of the body, what the statement says
         body = [i for i in np.flatnonzero(np.abs(stated) > BEYOND_SD * p.sd).tolist() if p.names[i] in (AREA, MODULUS)]
         return {fit: moved | {i: float(stated[i]) for i in body if i in moved} for fit, moved in found.items() if moved}
 
-    def instead(self, moved: Mapping[int, float]) -> tuple[Hypothesis, Fit, list[int]] | None:
-        """The one effect, of any size, that alone closes the gap, with fewest of the numbers `moved` (index -> value), and no
-        others, beyond their tolerance; its fit, and those of them that stay within. None if none leaves any."""
-        problem, p = self.prepared.problem, self.prepared.problem.parameters
-        named = dict.fromkeys([self.decision.effects, (PAYLOAD.partition(".")[0],), *self.alone])
-        found = list[tuple[Hypothesis, Fit, list[int]]]()
-        for h in [h for h in named if len(h) == 1 and h[0] in p.ids][:MOST_INSTEAD]:
-            sd = np.where(np.isin(p.effects, h) & [i.role == "size" for i in p.infos], OF_ANY_SIZE * p.sd, p.sd)
-            fit = fit_alone(replace(problem, parameters=replace(p, sd=sd)), h, self.calibrated.theta, 30)
-            within = [i for i in moved if abs(fit.theta[i]) <= BEYOND_SD * p.sd[i]]
-            if within and (tense := self._closing(fit)) is not None and moved.keys() >= tense.keys():
-                found.append((h, fit, within))
-        return max(found, key=lambda one: len(one[2]), default=None)
-
-    def _closing(self, fit: Fit, anyway: bool = False) -> dict[int, float] | None:
-        """What a fit moves far beyond its tolerance; None if it leaves a gap above the noise floor, unless wanted `anyway`."""
+    def closes(self, fit: Fit) -> bool:
+        """Whether a fit leaves no gap above the noise floor."""
         left = rms(self.prepared.gap(self.prepared.problem.observed - fit.predicted))
-        closes = left < REDUCIBLE_RATIO * self.prepared.noise_floor
-        return self.prepared.problem.parameters.tense(fit.theta) if closes or anyway else None
+        return left < REDUCIBLE_RATIO * self.prepared.noise_floor
 
 
 def related_ahead(p: Prepared, w: WeighedCauses, executor: Executor) -> Callable[[], list[tuple[Related, ...]]]:
@@ -127,8 +110,7 @@ def attribute(
         relatives=alike(relatives, decision.effects, answered.log_evidence),
         second=w.budget.second(decision.effects) if decision.effects else {},
     )
-    stated = [h for h, p in ranked.ranking[:LISTED] if p >= LEAST_STATED and h not in (NONE, UNKNOWN, decision.effects)]
-    stated = [h for h in stated if ranked.candidates[h].named == h]  # not another that holds it
+    likely = [h for h, p in ranked.ranking[:LISTED] if p >= LEAST_STATED and h not in (NONE, decision.effects)]
     return Attribution(
         prepared=p,
         posterior=ranked,
@@ -138,7 +120,7 @@ def attribute(
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
-        alone={h: w.search.alone(ranked.candidates[h]) for h in stated},
+        alone={h: w.search.alone(c) for h in likely if (c := ranked.candidates[h]).named == h},  # not another that holds it
         stage_errors=tuple(dict.fromkeys(e for e in free_forms if e.gain > STAGE_GAIN)),
         relatives=relatives,
     )

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
-from model.robot import THRUST, Robot
+from model.robot import THRUST
 
 from ..criticism.relatives import PLACES, RELATIVES
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, LEAST_STATED, LIKELY, SAME_FACTOR, TIE_STATED
 from .result import Concentrated, Diagnosis, Value
-from .size import by_actuator, places_found
+from .size import places_found
 from .verdict import stage
 
 MOST_WORDS = 20
@@ -117,18 +117,17 @@ def sized(v: Value, words: Words = Chambers.words) -> str:
 def headline(
     d: Diagnosis,
     catalogue: Mapping[str, EffectSpec],
-    robot: Robot | None = None,
     by_calibration: float | None = None,
     calibrated: str = "",
     beyond: bool = False,
     alone: bool = False,
 ) -> str:
-    """Return the conclusion in at most 20 words. Actuators are named by number if `robot` is given.
+    """Return the conclusion in at most 20 words.
 
     `by_calibration`: share of the reducible gap that calibration closes, if that is most of it; `calibrated`: what it changed;
     `beyond`: it reached its limit; `alone`: one effect in its place leaves no larger error than the named ones.
     """
-    a, speech, found = d.attribute, Speech(d, catalogue, robot), {f.code: f.values for f in d.findings}
+    a, speech, found = d.attribute, Speech(d, catalogue), {f.code: f.values for f in d.findings}
     closed = None if d.shrink is None else d.shrink.share_closed
     p = f"({a.p})"
     if shift := found.get("shifted"):
@@ -217,7 +216,6 @@ class Speech:
 
     d: Diagnosis
     catalogue: Mapping[str, EffectSpec]
-    robot: Robot | None = None
 
     def tied(self) -> str:
         """The named effects and the next hypothesis, if both fit and it is nearly as probable, or one of those that the rest
@@ -243,19 +241,19 @@ class Speech:
             return "the cause is outside the catalogue"
         if not effects:
             return "there is no cause"
-        sizes = next((r.parameters for r in self.d.attribute.ranking if r.effects == tuple(effects)), {})
-        said = (" and ".join(self._says(e, sizes, each) for e in effects) for each in (spread, False))
+        found = ((r.parameters, r.in_words) for r in self.d.attribute.ranking if r.effects == tuple(effects))
+        sizes, in_words = next(found, ({}, {}))
+        said = (" and ".join(self._says(e, sizes, in_words.get(e, ""), each) for e in effects) for each in (spread, False))
         names = [self.named((e,)) for e in effects]
         return _short_enough(*said, *(", ".join(names[:k]) for k in (3, 2, 1)), most=ROOM)
 
-    def _says(self, effect: str, sizes: Mapping[str, Value], spread: bool) -> str:
-        """One effect with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
+    def _says(self, effect: str, sizes: Mapping[str, Value], in_words: str, spread: bool) -> str:
+        """One effect `in_words`, else with its size (parameter -> value) in a person's unit, and with `spread` its sd."""
         spec, words = self.catalogue.get(effect), self.d.words
         if spec is None or not spec.says:
             return f"{self.named((effect,))} is at work"
-        by_number = None if self.robot is None else by_actuator(self.robot, spec, sizes)
-        if by_number is not None:
-            return by_number.says(words, spread)
+        if in_words:
+            return in_words if spread else re.sub(r" ± \d+", "", in_words)
         quoted = "{:.3g} {}".format(*for_people(self.d.data.quoted_pressure, "Pa", words))
         parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
         if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):

@@ -24,8 +24,8 @@ from ..data.campaign import Campaign
 from ..data.noise_components import PRESSURE
 from ..data.plausible import differ_by
 from ..findings import Finding, finding
-from ..inference.fit import Fit
-from ..inference.prepare import Prepared
+from ..inference.fit import Fit, fit_alone
+from ..inference.prepare import PAYLOAD, Prepared
 from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
 from .attribute import Attribution
@@ -241,13 +241,10 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         if o.probability >= judgement.LEAST_STATED or o is c.origins[0]
     ]
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
-    by_mass = (
-        f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " if stiff else ""
-    )
+    by_mass = f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " * stiff
     return (
         "One wrong number could account for most of the calibration (probability of each by itself; several may be wrong, so "
-        "these need not sum to 1): "
-        f"{', or '.join(possible)}. To find out, {by_mass}{_checked(words)}"
+        f"these need not sum to 1): {', or '.join(possible)}. To find out, {by_mass}{_checked(words)}"
     )
 
 
@@ -276,9 +273,11 @@ MOST_NUMBERS = 6
 """Numbers that are listed; so many wrong ones mean another mistake."""
 
 
-def beyond_tolerance(p: Prepared, fit: Fit, moved: Mapping[int, float], robot: Robot, name: str = "the fit") -> Finding:
+def beyond_tolerance(
+    p: Prepared, fit: Fit, robot: Robot, moved: Mapping[int, float], name: str = "the fit", instead: Iterable[Finding] = ()
+) -> Finding:
     """The finding on `numbers_beyond`, and on those that the readings hardly tell apart at a fit: their variance inflation
-    factors in the least squares of all of them are above `HARDLY_APART`."""
+    factors in the least squares of all of them are above `HARDLY_APART`; `instead`: what else it may be."""
     farthest = sorted(moved, key=lambda i: -abs(moved[i]) / p.problem.parameters.sd[i])[:MOST_NUMBERS]
     more = [counted(len(moved) - len(farthest), "more number")] * (len(moved) > len(farthest))
     moved = {i: value for i, value in moved.items() if i in farthest}
@@ -289,21 +288,28 @@ def beyond_tolerance(p: Prepared, fit: Fit, moved: Mapping[int, float], robot: R
     alike = [number.values["name"] for number, factor in zip(numbers, inflation, strict=True) if factor > judgement.HARDLY_APART]
     named = "these" if len(alike) == len(numbers) else " and ".join(filter(None, (", ".join(alike[:-1]), *alike[-1:])))
     together = [finding("known_together", names=named)] if alike else []
-    return finding("beyond_tolerance", fit=name, numbers=[*numbers, *more, *together])
+    return finding("beyond_tolerance", fit=name, numbers=[*numbers, *more, *together, *instead])
 
 
-def out_of_tolerance(f: Attribution, fit: str, moved: Mapping[int, float], robot: Robot, names: Mapping[str, str]) -> Finding:
-    """`beyond_tolerance`, with the effect that would leave numbers within their tolerances."""
-    said, other = beyond_tolerance(f.prepared, f.best.fit, moved, robot, fit), f.instead(moved)
-    if other is None:
-        return said
-    (effect,), there, within = other
-    infos = f.prepared.problem.parameters.infos
-    sizes = [(float(x), i.unit) for x, i in zip(there.theta, infos, strict=True) if i.source == effect and i.role == "size"]
-    amount = " {:+.3g} {}".format(*_in_percent(*sizes[0])) * (len(sizes) == 1)
-    stay = "all of these" if len(within) == len(moved) else " and ".join(infos[i].name.removesuffix(".excess") for i in within)
-    numbers = [*said.values["numbers"], finding("within_with_effect", effect=with_id(effect, names) + amount, numbers=stay)]
-    return finding("beyond_tolerance", fit=fit, numbers=numbers)
+MOST_INSTEAD = 3
+"""Effects that are tried in the place of numbers beyond their tolerances."""
+
+
+def within_with_effect(f: Attribution, moved: Mapping[int, float], names: Mapping[str, str]) -> list[Finding]:
+    """The finding on the one effect that alone closes the gap, with fewest of the numbers `moved` (index -> value), and no
+    others, beyond their tolerance; none if none leaves any of them within."""
+    p, found = f.prepared.problem.parameters, dict[int, Finding]()
+    named = dict.fromkeys([f.decision.effects, (PAYLOAD.partition(".")[0],), *f.alone])
+    for (effect,) in [h for h in named if len(h) == 1 and h[0] in p.ids][:MOST_INSTEAD]:
+        fit = fit_alone(f.prepared.problem, (effect,), f.calibrated.theta, 30)
+        within = [p.infos[i].name.removesuffix(".excess") for i in moved if abs(fit.theta[i]) <= judgement.BEYOND_SD * p.sd[i]]
+        if within and f.closes(fit) and moved.keys() >= p.tense(fit.theta).keys():
+            first, *more = (k for k, i in enumerate(p.infos) if (i.source, i.role) == (effect, "size"))
+            amount = "" if more else " {:+.3g} {}".format(*_in_percent(float(fit.theta[first]), p.infos[first].unit))
+            stay = "all of these" if len(within) == len(moved) else " and ".join(within)
+            said = finding("within_with_effect", effect=with_id(effect, names) + amount, numbers=stay)
+            found.setdefault(len(within), said)
+    return [found[max(found)]] if found else []
 
 
 def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:

@@ -105,17 +105,11 @@ def _exchanged(robot: Robot, tips: Table) -> str:
     mapped = tips.mapped
     if mapped is None or mapped.base is None or mapped.straight != "as recorded":
         return ""
-    recorded, base = tips.tip @ mapped.axes + mapped.base, np.array(mapped.base)
-    rest = np.argmin(np.abs(tips.pressures).max(axis=1))
-
-    def off(from_base: Array) -> float:
-        """m from the straight body's end to the tip at rest; inf where a tip is out of reach."""
-        far = np.linalg.norm(from_base, axis=1).max() > FARTHEST * robot.length
-        return np.inf if far else float(np.linalg.norm(from_base[rest] @ mapped.axes.T - [0.0, 0.0, robot.length]))
-
-    with_sign = min(off(recorded - base * signs) for signs in product((1, -1), repeat=3))  # `zero` may have the wrong one
+    recorded, base, reach = tips.tip @ mapped.axes + mapped.base, np.array(mapped.base), FARTHEST * robot.length
+    if any((np.linalg.norm(recorded - base * signs, axis=1) <= reach).all() for signs in product((1, -1), repeat=3)):
+        return ""  # `zero` may as well have the wrong sign
     for a, b, order in (("x", "y", [1, 0, 2]), ("x", "z", [2, 1, 0]), ("y", "z", [0, 2, 1])):
-        if off(recorded[:, order] - base) < with_sign:
+        if (np.linalg.norm(recorded[:, order] - base, axis=1) <= reach).all():
             both = f"columns {a} and {b}"
             return f"{both} are exchanged: exchange the headings of both, but not their `zero`, and all tips are within reach"
     return ""

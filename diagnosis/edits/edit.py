@@ -142,8 +142,6 @@ class Variants:
             factor, area = robot.area_factor, float(self.area[0, 0])
             areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
             robot = robot.model_copy(update={"area_factor": areas})
-        if "mass" in changed and "tip_mass" not in self.table.columns:  # of all states alike
-            robot = robot.model_copy(update={"tip_mass": float(changed.pop("mass")[0])})
         if "gravity" in changed:
             robot = robot.model_copy(update={"gravity": tuple(self.gravity[0, 0].tolist())})
         if "arcs" in changed:

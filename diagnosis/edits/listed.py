@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations, permutations, product
-from operator import ne
+from itertools import permutations, product
 
 import numpy as np
 import scipy
 
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
-from model.effects.laws.actuation import orders
 from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
@@ -29,7 +27,7 @@ from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, SAME_RATIO, USU
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import SAME, apart, as_connected, columns_exchanged, equal, looks_like, swapped
+from .order import SAME, apart, equal, order_at, swaps
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -40,9 +38,7 @@ SMALL, LARGE = 20e3, 500e3
 EFFECT = 6.0
 """Prior standard deviations of a parameter within which an effect competes."""
 AXES = np.eye(3)
-FRAMES = [
-    np.array(signs)[:, None] * AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
-]
+FRAMES = [np.diag(signs) @ AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 """Each way in which axes of a file can be those of the base."""
 NO_TURN, ASKEW = np.array([1.0, 0.0, 0.0, 0.0]), 0.004
 """Identity; agreement (cosine of half an angle) that a tracked body turned by any angle must gain on turns by quarters."""
@@ -68,7 +64,7 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         yield Edit("modulus", 0.02, partial(_stiffness, "bending_stiffness", 1.0, "N m^2"), apply, tenfold, widest)
     for sense, prior in ((1, 0.05), (-1, 0.03)):  # chambers turned, and counted the other way round, from the first one
         counted = partial(lambda s, v, _: replace(v, azimuth=s * v.azimuth + (1 - s) * v.azimuth[..., :1]), sense)
-        yield Edit("order", prior, partial(_azimuths, sense, sample.table.mapped), counted, EIGHTHS, widens={AZIMUTH: np.pi})
+        yield Edit("order", prior, partial(_azimuths, sense), counted, EIGHTHS, widens={AZIMUTH: np.pi})
     given, size = np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     known, signs = [given], ((0.01, given * each) for each in product((1.0, -1.0), repeat=3))
     for prior, down in ((0.03, -given), *signs, *((0.005, sign * size * axis) for axis in AXES for sign in (1, -1))):
@@ -81,9 +77,6 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
-    if robot.tip_mass > 0:  # what more it carries, the diagnosis names; less than half is no load but a wrong number
-        lighter = ((-0.6 * robot.tip_mass,), (-0.9 * robot.tip_mass,))
-        yield Edit("weight", 0.05, _tip_mass, _heavier, lighter, ((-robot.tip_mass, -0.5 * robot.tip_mass),))
     for k in np.flatnonzero(np.isfinite(sample.described.markers).any(axis=(0, 1, 3))).tolist():
         moved = partial(lambda which, v, own: replace(v, arcs=v.arcs + own[:, None] * which), np.eye(len(arcs))[k])
         starts, bounds = ((-0.05 * robot.length,), (0.05 * robot.length,)), ((-arcs[k], robot.length - arcs[k]),)
@@ -95,10 +88,6 @@ def _refitted(name: str, given: float, found: float, unit: str, limit: bool = Fa
     return [mistake("refitted", short or name, name=name, given=given, found=found, unit=unit, limit=reached)]
 
 
-def _beyond(theta: Array, number: int) -> bool:
-    return bool(abs(theta[number]) > judgement.EDIT_USUAL[number])
-
-
 def _stiffness(name: str, size: float, unit: str, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     change, given = float(own[0] if own.size else theta[MODULUS]), getattr(robot, name) / size
     limit = abs(change) > judgement.EDIT_AT_BOUND * WIDEST
@@ -106,31 +95,31 @@ def _stiffness(name: str, size: float, unit: str, robot: Robot, theta: Array, ow
     return said if abs(change) > judgement.EDIT_USUAL[MODULUS] else []
 
 
-def _azimuths(sense: int, mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given, turn, words = np.array(robot.actuators.azimuths_deg), float(np.degrees(theta[AZIMUTH])), robot.actuators.words
     quarter = 90.0 * round(turn / 90.0)
     whole = quarter if abs(turn - quarter) < judgement.EDIT_LEAST_TILT else round(turn)
     found = (sense * given + (1 - sense) * given[0] + whole) % 360
+    order = order_at(robot, found)
+    alike, of_two = bool(order) and equal(robot, order), order in swaps(len(given)).values()
     if sense < 0:
-        if (order := swapped(found, given)) and equal(robot, order):
-            return _connected_says(order, robot)
+        if alike and of_two:
+            return _exchanged_say(order, robot)
         how = short = words.fill("{actuators} counted the other way round")
-        as_stated = given[order] if order else -given  # in the other sense
+        as_stated = given[order] if of_two else -given  # in the other sense
         found = as_stated if (apart(found, as_stated) < SAME).all() else found
     else:
         from_where = ", counted from the opposite direction" * (abs(whole) == 180.0)
         how, short = f"all azimuths are {abs(whole):.0f} deg off{from_where}", words.fill("azimuths of the {actuators}")
-    how = columns_exchanged(robot, found, mapped) + how + looks_like(robot, found)
+    whose = " ".join(str(k + 1) for k in order)
+    how += words.fill(f", or {{actuators}} 1 to {len(order)} receive the {{pressures}} of {whose}") * alike
     said = mistake("azimuths_elsewhere", short, how=how, given=given[0], found=found[0], line=listed(found))
-    return [said] if sense < 0 or _beyond(theta, AZIMUTH) else []
+    return [said] if sense < 0 or abs(theta[AZIMUTH]) > judgement.EDIT_USUAL[AZIMUTH] else []
 
 
-def _connected_says(order: Sequence[int], robot: Robot, *_: Array) -> list[Mistake]:
-    """State that actuators get the pressures of others, (actuators,) indices, and the remedies that predict the same."""
-    first, second, *more = (k + 1 for k, other in enumerate(order) if k != other)
-    if more:
-        how, columns = as_connected(robot, order), ", ".join(f"p{k + 1}" for k in order)
-        return [mistake("connected_elsewhere", how, how=how, columns=columns)]
+def _exchanged_say(order: Sequence[int], robot: Robot, *_: Array) -> list[Mistake]:
+    """State that two actuators get each other's pressures, (actuators,) indices, and the remedies that predict the same."""
+    first, second = (k + 1 for k, other in enumerate(order) if k != other)
     remedy = f"swap p{first} and p{second} in the table or in its map"
     remedy += ", or their azimuths_deg in robot.yaml" * equal(robot, order)
     return [mistake("actuators_exchanged", "order of the {actuators}", first=first, second=second, remedy=remedy)]
@@ -150,7 +139,7 @@ def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
     limit = bool(np.abs(theta[GRAVITY]).max() > judgement.EDIT_AT_BOUND * np.radians(25))
     said = _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
-    return said if _beyond(theta, 3) or _beyond(theta, 4) else []
+    return said if (np.abs(theta[GRAVITY]) > judgement.EDIT_USUAL[GRAVITY]).any() else []
 
 
 def _tilt(v: Variants, own: Array) -> Variants:
@@ -169,14 +158,6 @@ def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given = 1e3 * robot.length
     return [mistake("length_differs", "length", given=given, found=given * (1 + float(own[0])), unit="mm")]
-
-
-def _tip_mass(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    return _refitted("tip_mass", 1e3 * robot.tip_mass, 1e3 * (robot.tip_mass + float(own[0])), "g")
-
-
-def _heavier(v: Variants, own: Array) -> Variants:
-    return replace(v, mass=np.maximum(v.mass + own, 0.0))
 
 
 def _arc(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -316,18 +297,16 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     highest, columns = np.abs(pressures).max(axis=0), range(pressures.shape[1])
     given, words = robot.actuators.azimuths_deg, robot.actuators.words
     apart = np.abs(pressures[:, :, None] - pressures[:, None]).max(axis=0) > 0.1 * highest.max()
-    swaps = [(i, j, [{i: j, j: i}.get(k, k) for k in columns]) for i, j in combinations(columns, 2) if apart[i, j]]
-    for i, j, order in swaps:
+    pairs = {pair: order for pair, order in swaps(len(highest)).items() if apart[pair]}
+    for (i, j), order in pairs.items():
         same, line = equal(robot, order), listed(np.take(given, order))
-        share = 0.04 / len(swaps) / (1 if same else 2)
-        yield Edit("order", share, partial(_connected_says, order), partial(_connected, order))
+        share = 0.04 / len(pairs) / (1 if same else 2)
+        exchanged = partial(lambda order, v, _: replace(v, pressure=v.pressure[:, :, order]), order)
+        yield Edit("order", share, partial(_exchanged_say, order), exchanged)
         if not same:
             how = words.fill("azimuths of {actuators} {} and {} are swapped", str(i + 1), str(j + 1))
             says = stating("azimuths_elsewhere", how, how=how, given=given[i], found=given[j], line=line)
             yield Edit("order", share, says, partial(lambda order, v, _: replace(v, azimuth=v.azimuth[:, :, order]), order))
-    rings = [order for order in orders(given).tolist() if sum(map(ne, order, columns)) > 2 and not equal(robot, order)]
-    for order in rings:  # where actuators are equal, these are azimuths
-        yield Edit("order", 0.02 / len(rings), partial(_connected_says, order), partial(_connected, order))
     driven, widest = np.flatnonzero(highest > 0), float(np.log(2e5))
     for k in driven.tolist():
         share, others = 1 / len(driven), highest[driven[driven != k]]
@@ -346,10 +325,6 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     roll = np.abs(sample.table.get("roll_deg", 0.0))
     if 0 < roll.max() < 2 * np.pi + 0.01:
         yield Edit("roll", 0.03, stating("roll_in_rad", "column roll_deg"), lambda v, _: replace(v, roll=np.degrees(v.roll)))
-
-
-def _connected(order: Sequence[int], v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure[:, :, order])
 
 
 def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Variants:
@@ -382,7 +357,8 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     robot = sample.robot
     mass = max(body_mass(robot), 1e-6)
     starts = tuple((share * mass,) for share in (-0.3, 0.3, 1.2))
-    yield Edit("weight", 0.1, apply=_heavier, starts=starts, bounds=((-0.5 * robot.tip_mass, 3 * mass),), left=True)
+    yield Edit("weight", 0.1, apply=lambda v, own: replace(v, mass=np.maximum(v.mass + own, 0.0)), starts=starts,
+               bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)  # fmt: skip
     yield Edit("weight", 0.1, apply=lambda v, own: replace(v, gravity=own[:, :, None] * v.gravity),
                starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)  # fmt: skip
     wander = np.eye(3)[:, None] * robot.length * np.linspace(-0.5, 0.5, len(sample.table))[:, None]  # over the campaign

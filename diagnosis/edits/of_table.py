@@ -20,7 +20,7 @@ from ..arrays import Array, Mask
 from ..data.plausible import METRES, PASCALS
 from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Variants, mistake, stating, times
-from .listed import FRAMES, MIRROR, axes_say, gravity_along, gravity_says
+from .listed import FRAMES, MIRROR, NO_TURN, axes_say, gravity_along, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
@@ -68,9 +68,10 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             yield Edit(f"unit of {name}", 0.001, says, partial(_scaled, np.where(np.arange(3) == axis, factor, 1.0)))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
-        predicted, measured = ([_from_rest(_points(v)[:, :, body], rest)[0] for body in bodies] for v in (rods, sample.described))
+        places = (_points(v)[:, :, [*bodies]] for v in (rods, sample.described))
+        predicted, measured = (own - _mean(own[:, rest]) for own in places)
         frames = [m for m in FRAMES if round(np.linalg.det(m)) in handed]
-        like = np.array([sum(np.nansum(a * (b @ m.T)) for a, b in zip(predicted, measured, strict=True)) for m in frames])
+        like = np.array([np.nansum(predicted * (measured @ m.T)) for m in frames])
         axes = frames[int(np.argmax(like + PLAINEST * like.max() * np.array([np.trace(m) for m in frames])))]
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
@@ -80,7 +81,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             of_one = stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
             says = axes_say(axes, table.mapped) if whole else of_one
             proper = axes * np.round(np.linalg.det(axes))
-            turn = scipy.spatial.transform.Rotation.from_matrix(proper).as_quat(scalar_first=True) if whole else None
+            turn = scipy.spatial.transform.Rotation.from_matrix(proper).as_quat(scalar_first=True) if whole else NO_TURN
             yield Edit(kind, prior / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 
@@ -96,12 +97,10 @@ def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
     downs = [stated, -stated, *(float(np.linalg.norm(stated)) * sign * axis for axis in np.eye(3) for sign in (1, -1))]
     v = sample.described.take(np.zeros(len(downs), np.int64))
     stands = sample.rods(replace(v, gravity=np.array(downs)[:, None]))
-    tip, markers = (
-        np.nan_to_num(_mean(p[:, rest] - p[:1, rest])) for p in (stands.tip, stands.markers.reshape(len(downs), len(rest), -1))
-    )
+    tip, markers = (np.nan_to_num(_mean(p[:, rest] - p[:1, rest])) for p in (stands.tip, stands.markers))
     for k, down in enumerate(downs):
         if np.linalg.norm(down - stated) > 0.1 * np.linalg.norm(stated):  # places at rest move with it
-            apply = partial(gravity_along, down, tip=tip[k], markers=markers[k].reshape(1, 1, -1, 3))
+            apply = partial(gravity_along, down, tip=tip[k], markers=markers[k])
             yield Edit("gravity", 0.005, gravity_says(sample.robot, down), apply)
 
 
@@ -110,31 +109,24 @@ def _points(v: Variants) -> Array:
     return np.concatenate([v.tip[:, :, None], v.markers], axis=2)
 
 
-def _from_rest(places: Array, rest: Mask) -> Array:
-    """(v, n, 3) m from the mean of the states at rest, those that were seen."""
-    return places - _mean(places[:, rest])
-
-
 def _mean(places: Array) -> Array:
-    """(v, 1, 3) m, of the states (v, n, 3) that were seen; 0 of none."""
+    """(v, 1, ..) m, of the states (v, n, ..) that were seen; 0 of none."""
     return np.asarray(np.ma.masked_invalid(places).mean(axis=1, keepdims=True).filled(0.0))
 
 
-def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Variants, own: Array) -> Variants:
+def _about_rest(axes: Array, bodies: Sequence[int], turn: Array, v: Variants, own: Array) -> Variants:
     """Places of some bodies along other axes of the file about where they rest, and attitudes turned by a quaternion."""
-    points, orientation = _points(v), v.orientation
-    for body in bodies:
-        moved = _from_rest(points[:, :, body], at_rest(v.table))
-        points[:, :, body] = points[:, :, body] - moved + (moved.reshape(-1, 3) @ axes.T).reshape(moved.shape)
-    if turn is not None:
-        orientation = multiply(multiply(turn, orientation), turn * CONJUGATE)
+    points, some = _points(v), [*bodies]
+    rest = _mean(points[:, at_rest(v.table)])[:, :, some]
+    points[:, :, some] = rest + (points[:, :, some] - rest) @ axes.T
+    orientation = multiply(multiply(turn, v.orientation), turn * CONJUGATE)
     return replace(v, tip=points[:, :, 0], markers=points[:, :, 1:], orientation=orientation)
 
 
 def _scaled(factors: Array, v: Variants, own: Array) -> Variants:
     """Places with each axis times a factor: about where they rest if the map moved them there, else from the origin."""
     if v.table.moved_to_model:
-        return _about_rest(np.diag(factors), range(1 + v.markers.shape[2]), None, v, own)
+        return _about_rest(np.diag(factors), range(1 + v.markers.shape[2]), NO_TURN, v, own)
     return replace(v, tip=v.tip * factors, markers=v.markers * factors)
 
 

@@ -11,11 +11,9 @@ from model.effects.laws.actuation import ORDERS, orders
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
-from recordings.trials import Mapped, pressure_columns
 
-from ..arrays import Array, Ints
+from ..arrays import Array
 from ..data.campaign import Campaign
-from ..remedies import heading
 
 ORDER = "chamber_order"
 """The effect that swaps chambers."""
@@ -51,30 +49,24 @@ def apart(found: Array, given: Array) -> Array:
     return np.asarray(np.abs(np.mod(found - given + 180.0, 360.0) - 180.0))
 
 
-def swapped(found: Array, given: Array) -> list[int]:
-    """(n,) the actuators in the order in which two alone act elsewhere than given (n,) deg, each where the other is; empty if
-    none do."""
-    order, moved = np.arange(len(given)), np.flatnonzero(apart(found, given) > SAME)
-    order[moved] = moved[::-1]
-    return [] if len(moved) != 2 or (apart(found, given[order]) > SAME).any() else order.tolist()
+def swaps(count: int) -> dict[tuple[int, int], list[int]]:
+    """Each pair of so many -> the order in which these two alone change places."""
+    return {(i, j): [{i: j, j: i}.get(k, k) for k in range(count)] for i, j in combinations(range(count), 2)}
 
 
-def equal(robot: Robot, order: Sequence[int] | Ints) -> bool:
+def order_at(robot: Robot, azimuths_deg: Array) -> list[int]:
+    """(actuators,) whose pressures have each act at these azimuths, of the orders that the effect knows and those in which two
+    change places; empty where none do, as at those of robot.yaml."""
+    given, count = np.array(robot.actuators.azimuths_deg), len(azimuths_deg)
+    others = [o for o in (*orders(given.tolist()).tolist(), *swaps(count).values()) if o != [*range(count)]]
+    return next((order for order in others if (apart(azimuths_deg[order], given) < SAME).all()), [])
+
+
+def equal(robot: Robot, order: Sequence[int]) -> bool:
     """Whether each actuator is like the one whose pressure it gets: then azimuths in this order predict the same."""
     drive, count = robot.actuators, len(robot.actuators.azimuths_deg)
     own = np.array([drive.levers, np.broadcast_to(drive.ends or robot.length, count)])
     return bool((np.abs(own[:, order] - own) <= UNEQUAL * own).all())
-
-
-def place_of(robot: Robot, azimuths_deg: Sequence[float], connected: bool = False) -> int | None:
-    """Which order that the effect knows makes the robot's chambers act at these azimuths, as they do if they are `connected`
-    so or where those that change places are equal; None where none does."""
-    given = np.array(robot.actuators.azimuths_deg)
-    for place, order in enumerate(orders(given.tolist())):
-        acts_so = (order != np.arange(len(order))).any() and (apart(np.array(azimuths_deg)[order], given) < SAME).all()
-        if acts_so and (connected or equal(robot, order)):
-            return place
-    return None
 
 
 def with_order(robot: Robot, place: int) -> Robot:
@@ -82,33 +74,3 @@ def with_order(robot: Robot, place: int) -> Robot:
     values = {"blend": 1.0, "which": float(place - len(ORDERS) // 2)}
     stated = {name: Stated(value=value, sd=0.0, unit="1") for name, value in values.items()}
     return robot.model_copy(update={"effects": {**robot.effects, ORDER: stated}})
-
-
-def columns_exchanged(robot: Robot, azimuths_deg: Array, mapped: Mapped | None) -> str:
-    """Say which two columns of the file have the actuators push as at these azimuths if they are exchanged; empty if none do."""
-    push = robot.bending_directions
-    acting = push * np.exp(1j * np.radians(azimuths_deg - np.array(robot.actuators.azimuths_deg)))
-    headings = np.array([heading(name, mapped) for name in pressure_columns(len(push))])
-    names = list(dict.fromkeys(headings.tolist()))
-    own = np.array([headings == name for name in names]).astype(float)  # one regulator may feed several
-    stated, found, count = own @ push, own @ acting, own.sum(axis=1)
-    for a, b in combinations(range(len(names)), 2):
-        order = [{a: b, b: a}.get(k, k) for k in range(len(names))]
-        off = np.abs(found - stated[order]).max()
-        if count[a] == count[b] and off < np.radians(SAME) * np.abs(push).max():
-            where = "lab.case" if mapped is not None and mapped.call else "map.yaml"
-            return f"columns {names[a]} and {names[b]} are exchanged (exchange them in {where}), or "
-    return ""
-
-
-def looks_like(robot: Robot, azimuths_deg: Array) -> str:
-    """Say which order that the effect knows makes the actuators act at these azimuths, too; empty if none does."""
-    if (place := place_of(robot, azimuths_deg.tolist())) is None:
-        return ""
-    return f", or {as_connected(robot, orders(robot.actuators.azimuths_deg)[place])}"
-
-
-def as_connected(robot: Robot, order: Sequence[int] | Ints) -> str:
-    """Say whose pressures the actuators receive, as (actuators,) indices."""
-    whose = " ".join(str(k + 1) for k in order)
-    return robot.actuators.words.fill(f"{{actuators}} 1 to {len(order)} receive the {{pressures}} of {whose}")

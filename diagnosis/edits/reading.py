@@ -25,6 +25,7 @@ from recordings.trials import Table
 
 from .. import judgement
 from ..data import plausible
+from ..data.campaign import Campaign
 from ..data.case import campaign_of, finite
 from ..data.plausible import METRES, NEWTONS, SHORTEST, cantilevers, complete, implausible_values, in_si
 from ..findings import Finding, finding
@@ -120,22 +121,22 @@ def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
 
 def _explains(robot: Robot, tips: Table) -> bool:
     """Whether the mistakes that tips and markers show together, such as another frame, bring the markers to their places."""
-    from .search import judged
+    from .search import edit_first
 
-    sample = _sampled(robot, tips)
-    by_edits = judged(sample) if sample is not None else None
-    return by_edits is not None and by_edits.chosen is not None and not [*_off_axis(*by_edits.corrected(tips))]
+    first = edit_first(*_in_the_rod(robot, tips))
+    return bool(first.changes) and not [*_off_axis(first.robot, first.states.trials)]
 
 
-def _sampled(robot: Robot, tips: Table) -> Sample | None:
-    """The states with a tip that are compared, of the robot without effects, which are not in the rod."""
+def _in_the_rod(robot: Robot, tips: Table) -> tuple[Robot, Campaign]:
+    """The states with a tip, and the robot without effects, which are not in the rod."""
     plain = robot.model_copy(update={"effects": {}, "tolerances": {}})
-    return sample_of(plain, campaign_of(tips, np.arange(len(tips)), np.arange(0)))
+    return plain, campaign_of(tips, np.arange(len(tips)), np.arange(0))
 
 
 def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     """Findings about states with a tip, and whether they refuse the table; of a robot with effects only those that do."""
-    if (sample := _sampled(robot, tips)) is None:
+    plain, states = _in_the_rod(robot, tips)
+    if (sample := sample_of(plain, states)) is None:
         return
     moved, findings = float(sample.rms(sample.table.tip - sample.table.tip.mean(axis=0))), list[Finding]()
     least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
@@ -149,11 +150,10 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
-        from .search import judged  # with the list of edits, for which a robot that is near does not wait
+        from .search import edit_first  # with the list of edits, for which a robot that is near does not wait
 
-        by_edits = judged(sample)
-        findings += by_edits.findings if by_edits is not None else ()
-        fit = (by_edits and by_edits.chosen) or fit
+        first = edit_first(plain, states)
+        findings, fit = [*first.changes], first.fit or fit
     if (stretched := _stretched(sample, fit)) is not None:
         findings = [stretched]
     elif not findings and (unit := unit_of_all(robot, sample.table, ratio)) is not None:

@@ -16,6 +16,7 @@ from operator import attrgetter
 import numpy as np
 from scipy.special import softmax
 
+from model.effects.laws.actuation import orders
 from model.effects.shows import sides_apart
 from model.robot import Robot
 from recordings.trials import Table, pressure_columns
@@ -28,7 +29,7 @@ from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants, times
 from .listed import every_edit, of_attitudes
 from .misfit import Fit, Sample, as_described, sample_of
 from .of_table import of_table
-from .order import ORDER, place_of, with_order
+from .order import ORDER, equal, order_at, with_order
 
 STILL = Edit("still", 0.1, apply=times(0.0, "pressure", "gravity", "mass", "force", "moment"), left=True)
 """A rod that nothing moves: an edit that does no better, as it stiffens all motion away, is no mistake that can be named."""
@@ -41,9 +42,9 @@ class Edited:
     robot: Robot
     states: Campaign
     changes: tuple[Finding, ...] = ()
-    before: float = 0.0
-    after: float = 0.0
-    """m, robust rms of the tip within `EDIT_USUAL`, and with the edits."""
+    before_mm: float = 0.0
+    after_mm: float = 0.0
+    """Robust rms of the tip within `EDIT_USUAL`, and with the edits."""
     fit: Fit | None = None
     """None where nothing was changed."""
     with_order: bool = False
@@ -52,9 +53,8 @@ class Edited:
     @property
     def concerns(self) -> list[Finding]:
         """Findings for a person to check; empty if nothing was changed."""
-        before_mm, after_mm = self.before * 1e3, self.after * 1e3
-        changes = list(self.changes)
-        return [finding("refitted_first", before_mm=before_mm, after_mm=after_mm, changes=changes)] if changes else []
+        changes, before, after = [*self.changes], self.before_mm, self.after_mm
+        return [finding("refitted_first", before_mm=before, after_mm=after, changes=changes)] if changes else []
 
     @property
     def numbers(self) -> tuple[Finding, ...]:
@@ -81,7 +81,7 @@ class Edited:
     def detail(self) -> dict[str, object]:
         """Plain values for the answer's JSON."""
         adjusted = [{"code": c.code, **c.values, "at_bound": bool(c.values.get("limit"))} for c in self.numbers]
-        numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
+        numbers = {"before_mm": self.before_mm, "after_mm": self.after_mm, "adjusted": adjusted}
         return numbers | ({"order": self.changes[0].text} if self.with_order else {})
 
     def moved(self, states: Campaign) -> Campaign:
@@ -100,18 +100,17 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     """
     sample = None if robot.effects or robot.tolerances else sample_of(robot, states)
     found = None if sample is None else judged(sample)
-    chosen = None if found is None else found.chosen
-    return Edited(robot, states) if found is None or chosen is None else _made(robot, states, found, chosen, effects)
+    return Edited(robot, states) if found is None or not found.chosen else _made(robot, states, found, found.chosen, effects)
 
 
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)
-def judged(sample: Sample) -> Judged | None:
-    """The edits of robot and states that were tried, once for each sample; None where the robot is near its data."""
+def judged(sample: Sample) -> Judged:
+    """The edits of robot and states that were tried, once for each sample; none where the robot is near its data."""
     near = max(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10), key=attrgetter("log_posterior"))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
     if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
-        return None
+        return Judged(sample, [near], np.ones(1))
     still = sample.fitted([((STILL,), near.x)], 3, alone=True)
     edits = [*every_edit(sample, near), *of_table(sample, near)]
     fits = [near, *still, *_weighed(sample, edits, near, pairs=not sample.near(near))]
@@ -187,21 +186,6 @@ class Judged:
         of_mistakes = float(sum(w for w, kinds in zip(self.weight, self._kinds, strict=True) if kinds))
         return self.fits[best] if of_mistakes >= judgement.CAUSE_PROBABILITY and self._kinds[best] else None
 
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """The mistakes of the most probable fit; empty where none is certain."""
-        robot, fit = self.sample.robot, self.chosen
-        return () if fit is None else tuple(f for edit, own in mistakes(robot, fit) for f in self.said(edit, own, fit))
-
-    def corrected(self, table: Table) -> tuple[Robot, Table]:
-        """Robot and table with the mistakes of the most probable fit."""
-        fit = self.chosen or self.fits[0]
-        return corrected(self.sample.robot, table, fit, _beyond_usual(fit))
-
-    def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
-        """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.findings(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit, own, fit))
-
     def rather(self, edit: Edit, own: Array, fit: Fit) -> str:
         """What else may be wrong in place of a mistake of a fit, for the end of its sentence: mistakes of other kinds, and those
         of its kind that are stated in other words."""
@@ -242,10 +226,11 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     made, table = corrected(robot, states.trials, fit, theta, as_effect)
     if place is not None:
         made = with_order(made, place)
-    stated = sorted(mistakes(robot, fit), key=lambda one: one[0].kind not in as_effect)
-    changes = tuple(text for edit, own in stated for text in found.said(edit, own, fit))
-    before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
-    return Edited(made, replace(states, trials=table), changes, before, after, fit, place is not None)
+    changes = list[Finding]()
+    for edit, own in sorted(mistakes(robot, fit), key=lambda one: one[0].kind not in as_effect):
+        changes += edit.findings(found.sample.robot, fit.theta, own, found.probability(edit.kind), found.rather(edit, own, fit))
+    before, after = (1e3 * float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
+    return Edited(made, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
 
 
 def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
@@ -253,10 +238,11 @@ def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
     edit = next((e for e in fit.edits if e.kind == "order"), None)
     if edit is None:
         return None
-    columns = pressure_columns(len(robot.actuators.azimuths_deg))
-    numbered = Table({name: np.array([float(k)]) for k, name in enumerate(columns)})
+    every = np.arange(len(robot.actuators.azimuths_deg))
+    numbered = Table({name: np.array([float(k)]) for k, name in enumerate(pressure_columns(len(every)))})
     azimuth = (theta * (np.arange(8) == AZIMUTH))[None]
     made = edit.apply(Variants.of(robot, numbered).calibrated(azimuth), np.zeros((1, len(edit.bounds))))
-    acting, order = np.empty(len(columns)), made.pressure[0, 0].astype(np.int64)
+    acting, order = np.empty(len(every)), made.pressure[0, 0].astype(np.int64)
     acting[order] = made.azimuth[0, 0]
-    return place_of(robot, acting.tolist(), connected=bool((order != np.arange(len(order))).any()))
+    known, acts = orders(robot.actuators.azimuths_deg).tolist(), order_at(robot, acting)
+    return known.index(acts) if acts in known and ((order != every).any() or equal(robot, acts)) else None

@@ -67,7 +67,7 @@ def test_chambers_counted_from_another_one_are_found_and_named(case: Measured) -
         first = edit_first(turned(ROBOT, degrees), states(case)[0])
         (change,) = first.changes
         assert change.values["found"] % 360 == pytest.approx(ROBOT.chambers.azimuths_deg[0] % 360, rel=0.1, abs=6)
-        assert first.after < 0.35 * first.before and said in first.concerns[0].text
+        assert first.after_mm < 0.35 * first.before_mm and said in first.concerns[0].text
         assert f"write `azimuths_deg: {listed.listed(np.mod(ROBOT.chambers.azimuths_deg, 360))}` in robot.yaml" in change.text
 
 
@@ -172,7 +172,7 @@ def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measu
     assert change.code == "refitted" and change.values["name"] == "youngs_modulus"
     assert change.values["found"] == pytest.approx(ROBOT.youngs_modulus / 1e3, rel=0.15)
     assert first.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
-    assert first.after < 0.35 * first.before and "youngs_modulus" in first.concerns[0].text
+    assert first.after_mm < 0.35 * first.before_mm and "youngs_modulus" in first.concerns[0].text
 
 
 def test_the_cause_is_found_and_fitted_around_the_calibrated_robot(case: Measured) -> None:
@@ -328,7 +328,6 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "one column of pressures in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
     "cameras moved": (lambda r: (r, moved_at(read(r, repeats=3), 8)), ("frame moved by 4.0 mm at trial 8",)),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
-    "mass ten times too large": (lambda r: (r.replace(tip_mass=10 * r.tip_mass), read(r)), ("tip_mass ", "g instead of ")),
     "marker elsewhere": (lambda r: (marked(r, 0.4, 0.62), read(marked(r, 0.4, 0.7))), ("marker 2 is at arc", "`markers: [")),
     "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("all positions hold cm read as m (p", "x 0.01)")),
     "cm read as mm": (lambda r: (r, placed(read(r), lambda tip: 0.1 * tip)), ("all positions hold cm read as mm (p", "x 10)")),
@@ -350,7 +349,7 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     assert all(word in text for word in words) and "(p = " in text, text
     assert first.robot.markers == pytest.approx([s * described.length for s in (0.4, 0.7)][: len(described.markers)], abs=2e-3)
     assert len(first.changes) == 1 + (" and " in mistake)
-    assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
+    assert first.after_mm < 0.4 * first.before_mm or "attitudes" in mistake or "quaternions" in mistake
 
 
 def test_an_edit_acts_on_all_states_not_only_on_those_that_were_compared() -> None:
@@ -381,9 +380,9 @@ def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_fro
     true: tuple[float, ...], told: tuple[float, ...], found: str
 ) -> None:
     robot = HANGING.model_copy(update={"gravity": true})
-    judged = search.judged(sample_of(robot.model_copy(update={"gravity": told}), campaign(read(robot))))
-    assert judged is not None and judged.chosen is not None
-    (change,) = judged.findings
+    described, states = robot.model_copy(update={"gravity": told}), campaign(read(robot))
+    judged, (change,) = search.judged(sample_of(described, states)), edit_first(described, states).changes
+    assert judged.chosen is not None
     assert (change.code, change.values["found"]) == ("gravity_elsewhere", found)
     assert f"gravity {found}" in change.text and judged.probability("gravity") > 0.99
     assert np.abs(judged.chosen.missed).max() < 0.05 * HANGING.length
@@ -394,7 +393,7 @@ def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:
     aside = 0.2 * np.random.default_rng(3).uniform(-1, 1, (len(table) // 2, 3))
     odd = placed(table, lambda tip: tip.mean(axis=0) + np.tile(aside, (2, 1)))
     judged = search.judged(sample_of(told, campaign(attitudes(odd, lambda q: np.nan * q))))
-    assert judged is not None and judged.chosen is None, judged.findings
+    assert len(judged.fits) > 1 and judged.chosen is None
 
 
 def test_an_effect_of_the_catalogue_is_no_mistake() -> None:
@@ -405,7 +404,7 @@ def test_an_effect_of_the_catalogue_is_no_mistake() -> None:
     theta[forward.index(effect)] = 0.31
     tips = forward.predict(theta).reshape(-1, 3) + np.random.default_rng(2).normal(0, 0.2e-3, (len(table), 3))
     judged = search.judged(sample_of(FINGER, campaign(placed(table, lambda _: tips))))
-    assert judged is None or judged.chosen is None, judged.findings
+    assert judged.chosen is None
 
 
 def test_rods_that_do_not_stand_are_not_taken_for_readings_that_repeat() -> None:
@@ -462,11 +461,9 @@ def in_frame(table: Table, axes: Any) -> Table:
 def test_markers_along_the_body_tell_a_length_from_an_origin() -> None:
     p, two = {}, marked(FINGER, 1 / 3, 2 / 3)
     for robot, described in ((FINGER, longer(FINGER)), (two, longer(two))):
-        judged = search.judged(sample_of(described, campaign(read(robot))))
-        assert judged is not None
-        p[len(robot.markers)] = judged.probability("length")
+        p[len(robot.markers)] = search.judged(sample_of(described, campaign(read(robot)))).probability("length")
     assert p[2] > 0.99 and p[2] >= p[0]
-    assert search.judged(sample_of(two, campaign(read(two)))) is None
+    assert len(search.judged(sample_of(two, campaign(read(two)))).fits) == 1  # near its data: no edit is tried
 
 
 @pytest.mark.parametrize("robot", [FINGER, PAPER, pytest.param(TENDON_ARM, marks=pytest.mark.long)])
@@ -489,24 +486,11 @@ def test_two_that_are_swapped_are_named_as_such_also_where_they_are_an_effect_or
 def test_chambers_that_differ_change_places_by_pressures_or_by_azimuths_and_one_remedy_is_no_other() -> None:
     drive = {"radius": 0.004, "path_radius": [0.0105, 0.009, 0.0105, 0.0075], "azimuths_deg": [0.0, 90.0, 180.0, 270.0]}
     four = FINGER.replace(chambers=drive, gravity=[0.0, 0.0, 9.81])
-    ring = read(four, lambda p: p[:, [1, 2, 3, 0]])
-    for described, table, as_effect, said in (
-        (
-            turned(four, -90),
-            read(four),
-            False,
-            r"(?!.* receive ).*all azimuths are 90 deg off .*write `azimuths_deg: \[0, 90, 180, ",
-        ),
-        (
-            four,
-            ring,
-            True,
-            r"chambers 1 to 4 receive the pressures of 2 3 4 1 \(p = .* hold what is now p2, p3, p4, p1, or reconnect",
-        ),
-        (four, read(four, acted({}, (0, 1))), False, r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"),
-    ):
+    off = r"(?!.* receive ).*all azimuths are 90 deg off .*write `azimuths_deg: \[0, 90, 180, "
+    swap = r"chambers 1 and 2 are swapped .* in the table or in its map(;|$)"
+    for described, table, said in ((turned(four, -90), read(four), off), (four, read(four, acted({}, (0, 1))), swap)):
         first = edit_first(described, campaign(table), ("chamber_order",))
-        assert re.match(said, str(first.changes[0])) and first.with_order == as_effect and first.after < 1e-3, first.changes
+        assert re.match(said, str(first.changes[0])) and not first.with_order and first.after_mm < 1, first.changes
 
 
 def test_another_order_that_these_states_cannot_tell_from_the_one_that_is_made_is_stated_beside_it() -> None:
@@ -538,5 +522,7 @@ def test_a_weight_in_the_place_of_numbers_beyond_their_tolerance_is_stated_with_
     (softer,) = re.findall(r"youngs_modulus (\S+) % below robot.yaml", first)
     assert f"a body {softer} % softer" in found.headline and f"with {1 - float(softer) / 100:.2f} times" in found.statement
     assert stands_for(found.calibration, found.words) == ""
-    most = FINGER.replace(tip_mass=0.09)  # all that is stated to hang there may be too much
+    most = FINGER.replace(tip_mass=0.09, thrust="cap")  # all that is stated to hang there may be too much
     assert some["tip_payload"].parameters[0].of(scales(most)).low == -most.tip_mass
+    lighter = diagnose(Measured(most, read(FINGER)), Options(experiments=False, catalogue=some))
+    assert re.match(r"The tip carries 8\d g less than stated", lighter.headline), lighter.headline

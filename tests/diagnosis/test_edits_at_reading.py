@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 import lab
 from diagnosis.edits.edit import Variants
 from diagnosis.edits.listed import FRAMES
-from diagnosis.edits.order import columns_exchanged
 from diagnosis.edits.reading import Reading, read
 from diagnosis.remedies import named, of_frame
 from lab.files.robot_numbers import doubts
@@ -23,7 +22,7 @@ from model.robot import Robot, load_robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.stated import Stated
-from recordings.trials import AXES, Mapped, Table, TrialRow, pressure_columns
+from recordings.trials import AXES, Mapped, Table, TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
 LEVELS = (0.0, 60e3, 120e3, 180e3, 240e3)
@@ -132,11 +131,10 @@ def test_a_forgotten_scale_comes_before_the_place_of_the_base(straight: str, sca
 
 
 def test_columns_that_are_exchanged_without_the_place_of_the_base_are_named() -> None:
-    for x, rows in ((1.2, sweep(spines=(0.2,))), (0.65, sweep(spines=(0.0,)))):  # another sign of both zeros puts the latter near
-        base = np.array([x, -0.6, 0.8])
-        exchanged = [replace(r, tip=tuple(((np.array(r.tip) + base)[[1, 0, 2]] - base).tolist())) for r in rows]
-        (text,) = read(ROBOT, replace(Table.of(exchanged), mapped=Mapped(base=tuple(base.tolist())))).refused
-        assert "columns x and y are exchanged" in text and "not their `zero`" in text
+    base, rows = np.array([1.2, -0.6, 0.8]), sweep(spines=(0.2,))
+    exchanged = [replace(r, tip=tuple(((np.array(r.tip) + base)[[1, 0, 2]] - base).tolist())) for r in rows]
+    (text,) = read(ROBOT, replace(Table.of(exchanged), mapped=Mapped(base=tuple(base.tolist())))).refused
+    assert "columns x and y are exchanged" in text and "not their `zero`" in text
 
 
 @pytest.mark.parametrize("shift", [(300, 0, 0), (0, 0, -300), (-250, 300, 350), (0, 0, 1600)])
@@ -337,14 +335,6 @@ def test_a_robot_that_bends_oddly_is_not_asked_about_its_columns(effects: dict[s
     assert reading(ROBOT, rows) == SILENT
     changed = [replace(r, pressures=(*r.pressures[3:6], *r.pressures[:3], *r.pressures[6:])) for r in rows]
     assert "counted the other way round" in " ".join(reading(ROBOT, changed).asked)
-
-
-def test_columns_that_feed_several_chambers_each_are_named_where_their_exchange_does_the_same() -> None:
-    azimuths = (70.0, 110.0, 190.0, 230.0, 310.0, 350.0)
-    six = ROBOT.replace(chambers=ROBOT.chambers.model_copy(update={"azimuths_deg": azimuths}))  # type: ignore[union-attr]
-    mapped, mirrored = Mapped(headings=tuple(zip(pressure_columns(6), "AABBCC", strict=True))), -np.array(azimuths) + 180.0
-    assert columns_exchanged(six, mirrored, mapped).startswith("columns B and C are exchanged (exchange them in map.yaml), or ")
-    assert columns_exchanged(six, mirrored + 60.0, mapped) == columns_exchanged(six, mirrored, None) == ""
 
 
 @pytest.mark.parametrize("pair", [(0, 2), (1, 3)])

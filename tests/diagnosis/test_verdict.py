@@ -31,7 +31,7 @@ from diagnosis.answer.result import (
     Waterfall,
 )
 from diagnosis.answer.sentences import as_stiff, changed_by, numbers_beyond, stands_for, statement
-from diagnosis.answer.size import Size
+from diagnosis.answer.size import Size, by_actuator
 from diagnosis.answer.verdict import conclude, doubts, own_evidence, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.findings import finding
@@ -167,7 +167,7 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
     assert "Uncalibrated but with `thrust: walls`, the model misses" in statement(waterfall)
     assert walls.texts("note") == [str(settled[0])] and replace(walls, statement=f"{settled[0]}. So").texts("note") == []
     sure = replace(answer(attribute("effect", "cause", {}, "base_tilt", p=0.98)), calibration=Calibration(1.0, 1.0, 0.86))
-    assert headline(sure, CATALOGUE, None, 0.97, "a body 14 % softer").endswith("(p = 0.98), beside a body 14 % softer.")
+    assert headline(sure, CATALOGUE, 0.97, "a body 14 % softer").endswith("(p = 0.98), beside a body 14 % softer.")
 
 
 def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:
@@ -564,15 +564,18 @@ def test_actuators_are_named_by_number() -> None:
     three = robot.replace(chambers={**robot.model_dump()["chambers"], "azimuths_deg": (0, 120, 240)})
     weak = {"chamber_gain.x": -0.05, "chamber_gain.y": 0.0866, "chamber_gain.single": 1.5}
     sizes = {name: Value(value, 0.01, "1") for name, value in weak.items()}
-    a = attribute("effect", "cause", sizes, "chamber_gain")
-    assert line(a, robot=three) == "Chamber 2 pushes 21 ± 2 % more than the others (p = 0.96)."
-    less = replace(a, ranking=(replace(a.ranking[0], parameters={n: replace(v, value=-v.value) for n, v in sizes.items()}),))
-    assert line(less, robot=three).startswith("Chamber 2 pushes")
-    side = attribute("effect", "cause", {**sizes, "chamber_gain.single": Value(0.0, 0.5, "1")}, "chamber_gain")
-    tendons = Tendons(path_radius=0.04, azimuths_deg=(0, 90, 180, 270))
-    driven = robot.model_copy(update={"chambers": None, "tendons": tendons})
-    said = line(side, words=tendons.words, robot=driven)
-    assert said.startswith("Tendon 4 pulls 16") and "less than tendon 2" in said
+
+    def said(robot: Robot, sizes: dict[str, Value]) -> str:
+        found, a = by_actuator(robot, CATALOGUE["chamber_gain"], sizes), attribute("effect", "cause", sizes, "chamber_gain")
+        assert found is not None
+        words = {"chamber_gain": found.says(robot.actuators.words)}
+        return line(replace(a, ranking=(replace(a.ranking[0], in_words=words),)), words=robot.actuators.words)
+
+    assert said(three, sizes) == "Chamber 2 pushes 21 ± 2 % more than the others (p = 0.96)."
+    assert said(three, {n: replace(v, value=-v.value) for n, v in sizes.items()}).startswith("Chamber 2 pushes")
+    driven = robot.model_copy(update={"chambers": None, "tendons": Tendons(path_radius=0.04, azimuths_deg=(0, 90, 180, 270))})
+    side = said(driven, {**sizes, "chamber_gain.single": Value(0.0, 0.5, "1")})
+    assert side.startswith("Tendon 4 pulls 16") and "less than tendon 2" in side
 
 
 def test_no_size_is_said_of_what_is_not_likely() -> None:
