@@ -22,11 +22,11 @@ from model.stated import AREA_FACTOR
 from .answer import sentences, verdict
 from .answer.attribute import Attribution, attribute, calibrated, related_ahead
 from .answer.calibration import alone_as_good, calibration, simulator
-from .answer.decision import behaves_like, contradicted, doubted
+from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
-from .answer.headline import headline, hypothesis_name
-from .answer.locate import contradiction, locate
+from .answer.headline import headline
+from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
 from .answer.unseen import Unseen, evaluate_holdout, other_campaign, unseen_states
@@ -112,10 +112,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     causes = replace(causes, decision=behaves_like(causes.decision, causes.best.named, causes.posterior, closed))
     words = case.robot.actuators.words
     names = {e: spec.name(words) for e, spec in options.catalogue.items()}
-    effect = hypothesis_name(causes.decision.effects, names, joint=" and ")
-    reasons = contradiction(causes, effect) if causes.decision.effects else ()
-    causes = replace(causes, decision=contradicted(causes.decision, closed)) if reasons else causes
     holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
+    reasons: tuple[Finding, ...] = ()
     fitted, values = None, None  # the robot with what is named, and its parameters
     if causes.decision.effects and options.baseline is None and location.of == "tip":
         fitted = confirmed(causes, edited, options.catalogue)
@@ -135,7 +133,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     unsettled = (*far, *edited.changes, *tense, *first)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
-        reasons += tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
+        reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         others = [sentences.with_id(e, names) for e in verdict.rivals(causes.decision, causes.posterior)]
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)

@@ -144,10 +144,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "may not be the only one"
         ),
         "cause_impossible": "the cause is not certain: the fitted size of {effect} is physically impossible",
-        "cause_contradicted": (
-            "the cause is not certain: {effect} makes the {states} states {where} worse: {with_mm:.2g} mm rms remain with it, "
-            "{without_mm:.2g} mm with calibration alone (in-sample). Check above all {farthest} from the fit with it"
-        ),
         "cause_undetermined": (
             "the cause is not certain: over all hypotheses {effect} moves the tip by {low_mm:.2f} mm at the lower end of its "
             "95 % interval, less than the noise floor of {floor_mm:.2f} mm"

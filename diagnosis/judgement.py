@@ -238,10 +238,6 @@ FOLLOWED_SHARE = 0.9
 """Share of the reducible gap on unseen states from which effects are named, doubted, though the readings follow no law of theirs
 exactly: it is of another form. Chosen on six opened robots: four such effects closed .95 and more, the best effect beside a cause
 outside the catalogue .26 and .51."""
-WORSENED, CONTRADICTED_SHARE = 2.0, 0.1
-"""Times the calibrated error, and the noise floor, that a group of states is missed by with a cause that these states contradict:
-it moves them at least three times too far. And factor of the probability of the catalogue then: laws wrong by `LAW_ERRORS` do so
-in .4 % of groups, so in some 4 % of robots. Of 70 answers, right and wrong, on other tables none came above 1.25 times."""
 LEFT_FLOORS, LEFT_SHARE = 2.0, 0.1
 """Noise floors, and share of the calibrated gap, that a certain cause may leave at most on unseen states, the larger of both."""
 NAMED_PROBABILITY = 0.75

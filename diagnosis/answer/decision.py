@@ -88,15 +88,6 @@ def outside_at_most(d: Decision, probability: float) -> Decision:
     return replace(d, verdict="unknown", effects=(), probability=most, outside=most, limited=probability > most)
 
 
-def contradicted(d: Decision, closed: float | None) -> Decision:
-    """The decision on effects that a group of states contradicts: the cause is outside the catalogue, unless they close
-    `FOLLOWED_SHARE` of the gap on unseen states (`closed`; None: not known), as a law of another form does."""
-    if closed is not None and closed >= judgement.FOLLOWED_SHARE:
-        return d
-    outside = 1 - judgement.CONTRADICTED_SHARE * (1 - d.outside)
-    return replace(outside_at_most(d, outside), relatives=(), second={})
-
-
 def share_closed(before: float, after: float, floor: float) -> float | None:
     """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
     return None if before <= judgement.REDUCIBLE_RATIO * floor else 1 - (after**2 - floor**2) / (before**2 - floor**2)

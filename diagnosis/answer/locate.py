@@ -9,18 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from ..arrays import Array, Ints, Mask, rms, rows_by
-from ..data.campaign import Campaign, tip_masses
+from ..data.campaign import Campaign
 from ..data.levels import MASS_GAP, SPINE_GAP, levels
-from ..findings import Finding, finding
 from ..inference.prepare import TINY, Prepared
-from ..judgement import CONCENTRATED_GAIN, CONCENTRATED_RATIO, FALSE_DISCOVERY_RATE, FEWEST_CONCENTRATED, WORSENED
+from ..judgement import CONCENTRATED_GAIN, CONCENTRATED_RATIO, FALSE_DISCOVERY_RATE, FEWEST_CONCENTRATED
 from .attribute import Attribution
 from .result import FACTORS, STAGES, Cell, Concentrated, Locate
 
@@ -77,35 +74,6 @@ def concentrated(s: Campaign, gap: Array) -> Concentrated | None:
             others, own = np.sort(1e3 * np.sqrt(means[:, k])).tolist()
             best = Concentrated(factor, above, float(values[order[k]]), int(counts[int(above), k]), own, others)
     return best
-
-
-def contradiction(f: Attribution, effect: str) -> tuple[Finding, ...]:
-    """A finding if the robot with `effect`, which is named, misses a group of states `WORSENED` times as far (rms) as the
-    calibrated one, and as the noise floor: at least `FEWEST_CONCENTRATED` states with the same actuators driven, trial, branch,
-    mass at the tip or spine length; of several groups the one that stands out most from the others."""
-    p, found, most = f.prepared, tuple[Finding, ...](), 0.0
-    before, after = (p.points(p.problem.forward.predict(p.common(fit.theta))) for fit in (f.calibrated, f.best.fit))
-    seen = np.asarray(np.isfinite(after[0] - p.states.tip).all(axis=1))
-    s, words = p.states.take(seen), p.robot.actuators.words
-    groups: dict[str, NDArray[Any]] = {
-        "with {}": np.array([words.group(c) + f" {words.inflated}" * bool(c) for c in s.chambers]),
-        "of trial {}": s.trial,
-        "on the way {}": np.where(s.branch > 0, "up", "down"),
-        "with {:.0f} g at the tip": (1e3 * tip_masses(p.robot, s.trials)).round(),
-        "with {:.0f} cm of spine": (1e2 * s.spine_length).round(),
-    }
-    missed = [1e3 * (s.tip - points[0, seen]) for points in (before, after)]
-    for name, value in groups.items():
-        for own in (np.asarray(value == each) for each in np.unique(value)):
-            (without_mm, with_mm), states = (rms(mm[own]) for mm in missed), int(own.sum())
-            apart = states * (with_mm**2 - rms(missed[1][~own]) ** 2)
-            worse = states >= FEWEST_CONCENTRATED and with_mm > WORSENED * max(without_mm, 1e3 * p.noise_floor)
-            if not worse or not apart > most:  # not a number of all states
-                continue
-            most, farthest = apart, s.take(own).farthest(after[:, seen][:, own])
-            found = (finding("cause_contradicted", effect=effect, states=states, where=name.format(value[own][0]),
-                             with_mm=with_mm, without_mm=without_mm, farthest=farthest),)  # fmt: skip
-    return found
 
 
 _Part = tuple[str, float | str, Ints, Array, float]

@@ -195,8 +195,7 @@ def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:
 
 
 def _where(s: PageSection, d: Diagnosis, folder: Path) -> None:
-    """Write where the gap is: what contradicts the cause, shapes of the worst states, the map of all, and loops over pressure."""
-    s.text(*(f"{f.text[:1].upper()}{f.text[1:]}." for f in d.findings if f.code == "cause_contradicted"))
+    """Write where the gap is: shapes of the worst states, the map of all states, and loops over pressure."""
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.calibration import origins
-from diagnosis.answer.decision import Verdict, behaves_like, contradicted, decide, doubted, without_nothing
+from diagnosis.answer.decision import Verdict, behaves_like, decide, doubted, without_nothing
 from diagnosis.answer.headline import MOST_WORDS, headline
-from diagnosis.answer.locate import concentrated, contradiction
+from diagnosis.answer.locate import concentrated
 from diagnosis.answer.result import (
     Alike,
     Attribute,
@@ -525,26 +525,6 @@ def test_where_most_of_the_gap_lies_is_said_where_no_known_cause_fits() -> None:
     assert said(s.trial > 4) == "the gap is after trial 4." and said(s.trial <= 4) == "the gap is up to trial 4."
     assert said(s.branch < 0) == "the gap is on the way down."
     assert said(s.spine_length > 0.2) == "the gap is where the spine's length is above 150 mm."
-
-
-def test_a_group_of_states_that_the_cause_makes_worse_speaks_against_it_and_makes_an_unknown_one_more_probable() -> None:
-    s = states(case(sweep()))[0]
-    same = SimpleNamespace(predict=lambda points: points)
-    p = SimpleNamespace(states=s, robot=case([]).robot, noise_floor=1e-3, common=same.predict, points=same.predict,
-                        problem=SimpleNamespace(forward=same))  # fmt: skip
-
-    def found(worse: Any, mm: float) -> list[tuple[Any, ...]]:
-        off = (np.where(worse[:, None], [x, 0.0, 0.0], [1e-3, 0.0, 0.0]) for x in (1e-3, 1e-3 * mm))
-        before, after = (SimpleNamespace(theta=s.points + own) for own in off)
-        attribution: Any = SimpleNamespace(prepared=p, calibrated=before, best=SimpleNamespace(fit=after))
-        values = [f.values for f in contradiction(attribution, "tilt")]
-        return [(v["where"], v["states"], round(v["with_mm"], 1)) for v in values]
-
-    assert found(s.trial == 4, 5.0) == [("of trial 4", 5, 5.0)] and found(s.branch < 0, 5.0) == [("on the way down", 18, 5.0)]
-    assert not found(s.trial == 4, 1.9) and not found((s.trial == 4) & (s.highest < 150e3), 1.9)
-    sure, against = decide(SURE, True), contradicted(decide(SURE, True), 0.6)
-    assert (against.verdict, against.effects, against.p) == ("unknown", (), "p ≤ 0.80")
-    assert contradicted(sure, 0.95) == sure and contradicted(sure, None) == against  # a law of another form is only doubted
 
 
 def tied(effect: str, sizes: dict[str, Value], p: float, other: str, q: float, found: dict[str, Value]) -> str:
