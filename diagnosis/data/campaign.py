@@ -104,10 +104,11 @@ class Campaign:
 
     @property
     def repeats(self) -> int:
-        """Number of trials in which a condition was read, median over the conditions in which the gap is looked for."""
+        """Number of trials in which a state's condition was read, median over the states in which the gap is looked for."""
         # A state read twice in one trial is no repeat: it lacks the differences between trials.
         pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
-        return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
+        trials = np.unique(pairs[:, 0], return_counts=True)[1]
+        return int(np.median(np.repeat(trials, trials)))
 
     @property
     def within_trials(self) -> bool:
