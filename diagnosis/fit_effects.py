@@ -237,7 +237,8 @@ def fit_described(
 
 
 def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Value], dict[str, Any]]:
-    """Written parameters and robot.yaml's `posterior`; `rms_after` (m) of the fit."""
+    """Written parameters (area factor, named effects, tolerances of the whole set-up) and robot.yaml's `posterior`; `rms_after`
+    (m) of the fit."""
     parameters = p.problem.parameters
     linear = c.fit.linear(p.problem)
     # posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both
@@ -246,7 +247,10 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     # without a named effect, no law can be wrong: one form error, the first, 0
     law_error = float(np.sqrt(probability.sum(axis=(0, 1)) @ FITTED_LAW_ERRORS[: probability.shape[2]] ** 2))
     size = float(np.sqrt(probability.sum(axis=(0, 2)) @ grid.sizes**2))
-    index_of = _lasting(p, c.named)
+    of_set_up, index_of = tolerances(p.robot), {AREA_FACTOR: parameters.names.index(AREA)}
+    for i, (name, info) in enumerate(zip(parameters.names, parameters.infos, strict=True)):
+        if parameters.effects[i] in c.named or (info.source in of_set_up and not info.recurs):
+            index_of[name] = i
     columns = np.array(list(index_of.values()))
     covariance = Gaussian(linear, c.prior(parameters), size, law_error).covariance(parameters.of_effect, columns)
     scale, free = np.sqrt(np.diag(covariance)), parameters.scaled(c.prior(parameters))[0]
@@ -300,17 +304,6 @@ def _by_axis(p: Prepared, c: Candidate, reading: float) -> list[float]:
     beyond = sum(each, np.zeros(3))
     variance = (np.maximum(beyond, 0.0) + FEW_REPEATS * reading**2) / (read.sum() - len(repeats) + FEW_REPEATS)
     return [rounded(sd) for sd in np.sqrt(variance).tolist()]
-
-
-def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
-    """Name -> index of the parameters that are written: area factor, named effects, tolerances of the whole set-up."""
-    parameters = p.problem.parameters
-    place, of_set_up = {AREA_FACTOR: parameters.names.index(AREA)}, tolerances(p.robot)
-    return place | {
-        name: i
-        for i, name in enumerate(parameters.names)
-        if parameters.effects[i] in (*named,) or (parameters.infos[i].source in of_set_up and not parameters.recurs[i])
-    }
 
 
 def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Value], posterior: Mapping[str, Any]) -> Robot:

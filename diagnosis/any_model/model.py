@@ -10,6 +10,7 @@ import pandas as pd
 
 from ..arrays import Array, Mask
 from ..errors import BadCase
+from ..inference.problem import FitForward
 from .cause import Parameter
 
 Predict = Callable[[dict[str, float], pd.DataFrame], Any]
@@ -22,8 +23,8 @@ MOST = 1e30
 """Values from which a prediction has diverged, and counts as none."""
 
 
-class Model:
-    """`predict` over the rows of a table; implements `inference.problem.FitForward` for the measured values, row by row."""
+class Model(FitForward):
+    """`predict` over the rows of a table; the forward model of the measured values, row by row."""
 
     def __init__(
         self, predict: Predict, inputs: pd.DataFrame, outputs: Sequence[str], parameters: Sequence[Parameter], kept: Mask,
@@ -122,7 +123,3 @@ class Model:
                 text = f"predict.derivatives failed with {type(error).__name__}: {error}"
                 raise BadCase(f"{text}; it must return parameter -> array {self.kept.shape}") from error
         return self._slopes[at]
-
-    def near(self, theta: Array) -> Model:
-        """The same."""
-        return self

@@ -73,8 +73,7 @@ class CrossValidation:
         the number of the part."""
         models, part = wanted
         problem, seen = self._problem, self._fold != part
-        rest, begun = only(problem, seen), {model.begins for model in models}
-        self._known = {begins: known for begins, known in self._known.items() if begins in begun}
+        rest = only(problem, seen)
         predicted = (_predicted(problem, rest, model, self._linearised(model), seen) for model in models)
         return [np.asarray((problem.observed - values)[~seen]) for values in predicted]
 

@@ -56,7 +56,8 @@ class FitForward(Protocol):
         """Predicted values (n,) and their derivatives (n, k), by some of the parameters where columns are given."""
 
     def near(self, theta: Array) -> FitForward:
-        """The same model, accelerated close to parameters (k,)."""
+        """The same model, accelerated close to parameters (k,) where it can be."""
+        return self
 
 
 @runtime_checkable

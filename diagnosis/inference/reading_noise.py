@@ -44,8 +44,6 @@ OFFSET = "pressure_offset.offset"
 """The parameter that changes readings as an error of the pressure does."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
-PUSH_SOURCES = ("touch", "zero")
-"""Parameters of each stiffness trial besides its spine's."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +144,8 @@ def _of_channels(noise: NoiseComponents, labels: Labels, block: Ints, time: Arra
     sd, ones, lasting = of_kind(noise.channel, 1.0), np.ones(len(block)), Lasting.none(len(block))
     share = np.where(block < 0, 0.0, of_kind(noise.lasting, 0.0))
     if noise.lasting:
-        lasting_sd = of_kind(noise.channel, 0.0) * np.sqrt(share)
         number = np.unique(labels.channel, return_inverse=True)[1]
-        lasting = Lasting(block, time, number, lasting_sd, noise.lasting[PRESSURE] * ones, noise.memory * ones)
+        lasting = Lasting(block, time, number, sd * np.sqrt(share), noise.lasting[PRESSURE] * ones, noise.memory * ones)
     return Noise(labels.state, sd * np.sqrt(1 - share), noise.pressure * response, lasting)
 
 
@@ -186,7 +183,7 @@ def floor_of(
     complete = np.flatnonzero(np.isfinite(residual).all(axis=1))
     complete = complete[telling(states.condition[complete], states.trial[complete])]
     number_of = {"trial": states.trial, "repeat": states.repeat}
-    drawn_anew = {p.source: number_of[p.scope] for p in infos if p.scope in number_of and p.source not in PUSH_SOURCES}
+    drawn_anew = {p.source: number_of[p.scope] for p in infos if p.scope in number_of}
 
     def response_to(source: str) -> Array:
         """(n, a): each row takes one copy of each of its a parameters."""
