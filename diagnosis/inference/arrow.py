@@ -43,16 +43,6 @@ class Arrow:
     local: csc_array
     """(l, l)"""
 
-    def exchanged(self, at: Ints, with_sparse: Array, with_shared: Array, among: Array) -> Arrow:
-        """With shared ones `at` (a,) exchanged for others: their products with the sparse ones (l, a), with other shared ones,
-        a row for each shared one (s, a), and among themselves (a, a)."""
-        order = np.argsort(self.at)
-        place = order[np.searchsorted(self.at, at, sorter=order)]
-        shared, across = self.shared.copy(), self.across.copy()
-        shared[:, place], shared[place, :], across[:, place] = with_shared, with_shared.T, with_sparse
-        shared[np.ix_(place, place)] = among
-        return replace(self, shared=shared, across=across)
-
     def scaled(self, scale: Array) -> Arrow:
         """diag(scale) A diag(scale) with scale (c,); shared ones of scale 0 are left out."""
         kept = scale[self.at] != 0

@@ -11,8 +11,7 @@ trials mean more such columns, each with as few numbers as before; stored densel
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, hstack
@@ -157,12 +156,6 @@ class Jacobian:
     """Of a base: columns (n, f) of the model-form error of what is tolerated at its point, where they are known."""
     left: str | None = None
     """Name of the base that it has where it came from, see `candidate.light`."""
-    made: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """The normal equations of a base."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without cached values."""
-        return vars(self) | {"made": {}}
 
     @classmethod
     def of(cls, slope: Columns) -> Jacobian:
@@ -201,18 +194,6 @@ class Jacobian:
         out = np.zeros(self.parameters) if self.base is None else self.base.own.against(white)
         out[self.at] = self.own.against(white)
         return out
-
-    def information(self, more: Array) -> Arrow:
-        """(k + m, k + m) [W M]^T [W M] with more whitened columns M (n, m), always the same, behind W."""
-        if self.base is None or self.own.rest.size or not np.isin(self.at, self.base.own.at).all():
-            return self.every.normal(more)
-        known, own = self.base.own, self.own
-        if "normal" not in self.base.made:
-            self.base.made["normal"] = known.normal(more)
-        dense = own.dense[:, np.argsort(own.at)]
-        with_shared = np.vstack([known.dense.T @ dense, more.T @ dense])
-        of_base: Arrow = self.base.made["normal"]
-        return of_base.exchanged(self.at, np.asarray(known.sparse.T @ dense), with_shared, dense.T @ dense)
 
 
 def _by_block(columns: csr_array, block_of: Ints, change: Callable[[Array], Array]) -> csr_array:

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal, norm, uniform
 from diagnosis.data.noise import Lasting, Noise
 from diagnosis.inference.evidence import Grid, weigh
 from diagnosis.inference.fit import fit
-from diagnosis.inference.jacobian import Columns, Jacobian
+from diagnosis.inference.jacobian import Columns
 from diagnosis.inference.linear import Linear, SizePrior
 from diagnosis.inference.problem import FitParameters
 from diagnosis.judgement import LARGEST_TOLERATED_SIZE, LEAST_NAMED_SIZE
@@ -227,18 +227,6 @@ def test_normal_equations_by_parts_are_solved_as_the_whole_ones_are() -> None:
     (best,) = box_minima(whole[None], slope[None], low[None], high[None])
     assert np.isin(best[kept], [-0.05, 0.02]).any() and ((best > low) & (best < high))[sparse].any()
     assert arrow.plus(diagonal).within(slope, low, high) == pytest.approx(best)
-
-
-def test_derivatives_taken_anew_are_exchanged_in_the_normal_equations_of_their_base() -> None:
-    a, more = matrix(), DRAW.normal(size=(N, 2))
-    columns, new = Columns.of(a), DRAW.normal(size=(N, 2))
-    base = Jacobian.of(columns)
-    for at in (columns.at[[2, 0]], np.array([columns.at[1], columns.rest[0]])):  # shared, and one that is not
-        got = Jacobian(a.shape[1], at, Columns.of(new), base).information(more)
-        whole = np.hstack([a, more])
-        whole[:, at] = new
-        unit = np.eye(whole.shape[1])
-        assert np.column_stack([got.times(e) for e in unit]) == pytest.approx(whole.T @ whole)
 
 
 def test_derivatives_by_copies_are_kept_by_the_rows_that_take_them() -> None:
