@@ -131,10 +131,13 @@ def for_case(workers: int | None) -> Iterator[Callable[[int], Callable[..., Iter
 def processes(count: int, ahead: Sequence[str] = (), niceness: int = 0) -> Iterator[Processes]:
     """Start `count` processes besides this one, `niceness` behind it in line; a person's Ctrl-C ends this process, which then
     ends them. `ahead`: parts of `model.warm_up`, shared out among them, to do before any work."""
-    os.environ[ONE_THREAD] = "1"  # for what begins from now on: the libraries of this process have read theirs
+    before, os.environ[ONE_THREAD] = os.environ.get(ONE_THREAD, ""), "1"  # empty is as good as none
     # a fresh interpreter each: threads and compiled code of this one are not inherited
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin, initargs=(niceness,))
-    first = [pool.submit(warm_up, tuple(ahead[k::count])) for k in range(count)]
+    try:
+        first = [pool.submit(warm_up, tuple(ahead[k::count])) for k in range(count)]
+    finally:
+        os.environ[ONE_THREAD] = before
     workers = list(pool._processes.values())  # the pool itself cannot end one that hangs
     feeders = ThreadPoolExecutor(count)
     with TemporaryDirectory(prefix="softlab-") as folder:
