@@ -228,8 +228,7 @@ class _Diagnosis:
             if c is not None and p.source in named and p.group == "effect":
                 mean, spread = float(c.weighed.averaged_mean[count]), float(c.weighed.averaged_sd[count])
                 value = mean * self._p.sd[i] if fitted is None else float(fitted.theta[i])
-                free = float(np.sqrt(c.prior(self._p).variance[count]))
-                sd, determined = judgement.SIZE_SD_FACTOR * spread * self._p.sd[i], spread < judgement.UNDETERMINED_SHARE * free
+                sd, determined = judgement.SIZE_SD_FACTOR * spread * self._p.sd[i], spread < judgement.UNDETERMINED_SHARE
                 certain = determined and abs(mean) > judgement.SIZE_CERTAIN_SD * judgement.SIZE_SD_FACTOR * spread
                 out.append(Size(p.key, p.source, p.nominal + value, sd, p.unit, p.nominal, determined, certain, p.role))
         return tuple(out)

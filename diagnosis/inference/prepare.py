@@ -14,7 +14,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
-from model.effects.scales import Scales
+from model.effects.scales import STANDARD, Scales
 from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
@@ -36,6 +36,8 @@ from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_respons
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of the modulus' error."""
 PAYLOAD, FRAME, OBSTACLE = "tip_payload.mass", "frame_misalignment", "contact"
+STIFFER = replace(STANDARD, stiffness=2 * STANDARD.stiffness)
+"""Scales by which those of loads differ from the standard ones."""
 TINY = 1e-12
 """m."""
 
@@ -253,8 +255,8 @@ def possible(forward: ForwardModel, robot: Robot) -> tuple[ParameterInfo, ...]:
 
 def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     """The forward model's table as the diagnosis sees it."""
-    names = [f.name for f in fields(FitParameter)]
-    every = (FitParameter(**{name: getattr(info, name) for name in names}) for info in infos)
+    names = [f.name for f in fields(FitParameter) if f.name != "load"]
+    every = (FitParameter(**{n: getattr(i, n) for n in names}, load=STIFFER.of(i.unit) != STANDARD.of(i.unit)) for i in infos)
     own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in every)
     return FitParameters(own, np.array([p.sd for p in own]), (LEAST_NAMED_SIZE,) * len(own))
 

@@ -43,6 +43,7 @@ class FitParameter:
     least: float = 0.0
     recurs: bool = False
     lasts: bool = True
+    load: bool = False
 
 
 class FitForward(Protocol):
@@ -147,8 +148,8 @@ class FitParameters:
     """(k,) which parameters are drawn anew with each trial or repeat."""
     sizes = _each(lambda i: i.role == "size", of_effects=True)
     """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
-    loads = _each(lambda i: i.role == "size" and ("N" in i.unit or "kg" in i.unit), of_effects=True)
-    """(p,) which of these are forces, masses, stiffnesses or compliances."""
+    loads = _each(lambda i: i.role == "size" and i.load, of_effects=True)
+    """(p,) which of these are in proportion to the body's stiffness: forces, masses, stiffnesses and compliances."""
     tolerable = _each(lambda i: i.tolerated, of_effects=True)
     """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
     scale = _of_effects(lambda p: p.sd)

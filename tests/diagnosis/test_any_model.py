@@ -69,6 +69,12 @@ def test_the_cause_of_a_pendulum_is_named_with_its_size(cause: str) -> None:
     assert SWINGS[cause].says in answer.headline and "too few repeats" in " ".join(answer.notes)
 
 
+def test_the_name_of_a_unit_weighs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = swung(0, rub=0.22)
+    monkeypatch.setitem(SWINGS, "rub", lab.Cause("friction", {"rub": (0.0, 0.3, "N m", 0.0, 5.0)}, says="the bearing rubs"))
+    assert swung(0, rub=0.22).probability == before.probability
+
+
 def test_a_pendulum_of_another_length_needs_no_cause() -> None:
     answer = swung(7)
     assert (answer.verdict, answer.effects) == ("none", ())

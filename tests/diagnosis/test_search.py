@@ -47,7 +47,7 @@ def test_no_effect_is_ranked_first_where_there_is_none(seed: int, clutter: float
 def test_a_fit_stays_within_bounds() -> None:
     problem = toy_problem(1, {"turned": 1.5})
     problem.parameters.upper[IDS.index("turned")] = 0.7
-    prior = problem.parameters.prior(problem.parameters.mask(("turned",)), 0.0, 1.0)
+    prior = problem.parameters.prior_of(("turned",))
     fitted = fit(problem, prior, 0.5, np.zeros_like(problem.parameters.sd))
     assert fitted.theta[IDS.index("turned")] == pytest.approx(0.7)
 
@@ -123,7 +123,7 @@ class _Wavering(_Snapping):
 
 def test_a_step_that_turns_out_to_have_no_equilibrium_is_taken_back() -> None:
     problem = replace(toy_problem(4, {"bent": 1.0}), forward=_Wavering(Grid()))
-    prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0, 1.0)
+    prior = problem.parameters.prior_of(("bent",))
     fitted = fit(problem, prior, 0.0, np.zeros_like(problem.parameters.sd), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.cost)
     assert fitted.theta[IDS.index("bent")] <= 0.5
@@ -138,13 +138,7 @@ def test_a_step_that_no_trial_finds_is_given_up_at_the_first_state_without_equil
             return np.full_like(self.base, np.nan)
 
     problem = replace(toy_problem(4, {"bent": 1.0}), forward=Lost(Grid()))
-    fit(
-        problem,
-        problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0, 1.0),
-        0.0,
-        np.zeros_like(problem.parameters.sd),
-        6,
-    )
+    fit(problem, problem.parameters.prior_of(("bent",)), 0.0, np.zeros_like(problem.parameters.sd), 6)
     assert asked == {(True, False), (False, True)}
 
 
@@ -154,7 +148,7 @@ def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline_or_f
 ) -> None:
     monkeypatch.setattr("diagnosis.inference.fit.HALVINGS", halvings)
     problem = replace(toy_problem(4, {"bent": 0.4}), forward=_Snapping(Grid()))
-    prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0, 1.0)
+    prior = problem.parameters.prior_of(("bent",))
     fitted = fit(problem, prior, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.derivatives(problem).every.whole).all()
     assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
@@ -210,6 +204,6 @@ def test_a_few_rounds_go_along_a_curved_valley_to_its_end() -> None:
 
     start = np.array([0.2, -2.9, 0.5])
     known = float(least_squares(residual, start).cost)
-    found = fit(problem, p.prior(p.mask(("bend",)), 0.0, 1.0), 0.0, start, 6)
+    found = fit(problem, p.prior_of(("bend",)), 0.0, start, 6)
     assert found.cost < known + 1.0
     assert found.predicted_decrease < 1.0

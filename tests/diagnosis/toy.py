@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 
 from diagnosis.data.noise import Lasting, Noise
+from diagnosis.inference import prepare
 from diagnosis.inference.discrepancy import settings, smooth_errors
 from diagnosis.inference.problem import FitParameters, Problem
-from diagnosis.judgement import LEAST_NAMED_SIZE
 from model.arrays import Array, Ints
 from model.effects.parameters import ParameterInfo
 from model.effects.tolerance import Group
@@ -50,7 +50,7 @@ def parameter(
 
 
 def parameters(*infos: ParameterInfo) -> FitParameters:
-    return FitParameters(infos, np.array([i.sd for i in infos]), (LEAST_NAMED_SIZE,) * len(infos))
+    return prepare.parameters(infos)
 
 
 class ToyForward:
