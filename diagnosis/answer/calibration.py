@@ -65,7 +65,7 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None, state
 def _with_set_up(c: Calibration, f: Attribution) -> Calibration:
     """The calibration with how far body and set-up move what the gap is of, to first order."""
     problem, theta = f.prepared.problem, f.calibrated.theta
-    p, slope = problem.parameters, f.calibrated.derivatives(problem)
+    p, slope = problem.parameters, f.calibrated.derivatives(problem).every
     lasting, body = ~p.of_effect & ~p.recurs, np.isin(p.names, (AREA, MODULUS))
 
     def moves(chosen: Mask) -> float:

@@ -239,7 +239,7 @@ class _Local:
 
     def __init__(self, descent: _Descent, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> None:
         """Parameters whose prior has the scale 0 are held at their mean."""
-        self.theta, self.predicted, self.slope, self.cost = theta, predicted, slope, cost
+        self.theta, self.predicted, self.slope, self.cost, self._columns = theta, predicted, slope, cost, slope.every
         self._size, problem, scale, mean = descent.size, descent.problem, descent.scale, descent.mean
         p = self._p = problem.parameters
         free = self._free = scale > 0
@@ -256,16 +256,16 @@ class _Local:
         self._here[where] = (theta - mean)[free] / scale[free]
         self._low[where], self._high[where] = ((bound - mean)[free] / scale[free] for bound in (p.lower, p.upper))
         sizes = np.full(discrepancy.shape[1], descent.size)
-        self._curve = slope.every.normal(discrepancy).scaled(np.concatenate([self._ratio, sizes]))
+        self._curve = self._columns.normal(discrepancy).scaled(np.concatenate([self._ratio, sizes]))
         self._score = self._pulled(self.missed_at(self._rest)) + self._curve.times(self._here)
 
     def _pulled(self, white: Array) -> Array:
         """(k + m,) projection of whitened values (n,) on the columns."""
-        return np.concatenate([self._ratio * self.slope.against(white), self._size * (self._discrepancy.T @ white)])
+        return np.concatenate([self._ratio * self._columns.against(white), self._size * (self._discrepancy.T @ white)])
 
     def missed_at(self, theta: Array) -> Array:
         """What the linear problem misses at parameters (k,), whitened (n,)."""
-        return np.asarray(self._missed - self.slope.along((theta - self.theta) / self._p.sd))
+        return np.asarray(self._missed - self._columns.along((theta - self.theta) / self._p.sd))
 
     @cached_property
     def optimum(self) -> Array:

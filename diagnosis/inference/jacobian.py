@@ -180,21 +180,6 @@ class Jacobian:
         known = Columns.nothing(self.own.shape[0], self.parameters) if self.base is None else self.base.own
         return known.replaced(self.at, self.own) if self.at.size else known
 
-    def along(self, step: Array) -> Array:
-        """(n,) by how much the whitened values change along a step (k,), in prior standard deviations."""
-        own = self.own.along(step[self.at])
-        if self.base is None:
-            return own
-        rest = step.copy()
-        rest[self.at] = 0.0
-        return np.asarray(self.base.own.along(rest) + own)
-
-    def against(self, white: Array) -> Array:
-        """(k,) W^T x of whitened values x (n,)."""
-        out = np.zeros(self.parameters) if self.base is None else self.base.own.against(white)
-        out[self.at] = self.own.against(white)
-        return out
-
 
 def _by_block(columns: csr_array, block_of: Ints, change: Callable[[Array], Array]) -> csr_array:
     """Columns (n, c), changed by a matrix that mixes rows of one block (n,) alone. A column that is zero throughout a block stays
