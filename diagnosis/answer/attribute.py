@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
-from ..arrays import rms
+from ..arrays import Array, rms
 from ..criticism.gaussian import Gaussian, outlier_trial
 from ..criticism.outside import log_weight_of, related
 from ..criticism.stage_errors import StageError, odds_unnamed, smooth_functions, stage_errors, total_gain
@@ -20,12 +20,15 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import Executor
 from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import EffectPosterior, Related, alike, odds_of_relatives, with_unknown
-from ..inference.prepare import AREA, MODULUS, Prepared
+from ..inference.prepare import AREA, MODULUS, PAYLOAD, Prepared
 from ..judgement import BEYOND_SD, LEAST_STATED, LISTED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
 from .result import FittedRobot
 from .size import Size, as_fitted, sizes
+
+MOST_INSTEAD = 3
+"""Effects that are tried in the place of numbers beyond their tolerances."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,15 @@ class Attribution:
         stated = self.calibrated.theta if fitted is None else alone  # of the body, what the statement says
         body = [i for i in np.flatnonzero(np.abs(stated) > BEYOND_SD * p.sd).tolist() if p.names[i] in (AREA, MODULUS)]
         return {fit: moved | {i: float(stated[i]) for i in body if i in moved} for fit, moved in found.items() if moved}
+
+    @cached_property
+    def closing_alone(self) -> Mapping[str, Array]:
+        """Of the named effect, a load at the tip and what is stated beside, at most `MOST_INSTEAD`, those that each leave no gap
+        alone: effect -> parameters (k,)."""
+        p, likely = self.prepared.problem, [self.decision.effects, (PAYLOAD.partition(".")[0],), *self.alone]
+        tried = [h for h in dict.fromkeys(likely) if len(h) == 1 and h[0] in p.parameters.ids][:MOST_INSTEAD]
+        fits = {h[0]: fit_alone(p, h, self.calibrated.theta, 30) for h in tried}
+        return {effect: fit.theta for effect, fit in fits.items() if self.closes(fit)}
 
     def closes(self, fit: Fit) -> bool:
         """Whether a fit leaves no gap above the noise floor."""

@@ -24,8 +24,8 @@ from ..data.campaign import Campaign
 from ..data.noise_components import PRESSURE
 from ..data.plausible import differ_by
 from ..findings import Finding, finding
-from ..inference.fit import Fit, fit_alone
-from ..inference.prepare import PAYLOAD, Prepared
+from ..inference.fit import Fit
+from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
 from ..remedies import listed, of_mount
 from .attribute import Attribution
@@ -137,7 +137,8 @@ def _gap(d: Diagnosis) -> str:
     # without a cause all of it; beside one, which it may stand in for, what is beyond its tolerances
     moved = () if d.calibration is None else d.calibration.set_up if d.fitted is None else _beyond(d.calibration.set_up)
     each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in moved]
-    each[3:] = each[3:] if d.fitted is None or len(each) < 4 else [counted(len(each) - 3, "more number")]
+    if d.fitted is not None and len(each) > 3:
+        each[3:] = [counted(len(each) - 3, "more number")]
     set_up = f" ({'; '.join(each)}{': measure again' * (d.fitted is None)})" if each else ""
     on_walls = " but with `thrust: walls`" * any(f.code in ("thrust_settled", "thrust_likely") for f in d.findings)
     return (
@@ -270,7 +271,7 @@ def numbers_beyond(p: FitParameters, moved: Mapping[int, float], robot: Robot) -
 
 
 MOST_NUMBERS = 6
-"""Numbers that are listed; so many wrong ones mean another mistake."""
+"""Numbers that are listed: where more are beyond their tolerance, the mistake is elsewhere."""
 
 
 def beyond_tolerance(
@@ -291,21 +292,15 @@ def beyond_tolerance(
     return finding("beyond_tolerance", fit=name, numbers=[*numbers, *more, *together, *instead])
 
 
-MOST_INSTEAD = 3
-"""Effects that are tried in the place of numbers beyond their tolerances."""
-
-
 def within_with_effect(f: Attribution, moved: Mapping[int, float], names: Mapping[str, str]) -> list[Finding]:
     """The finding on the one effect that alone closes the gap, with fewest of the numbers `moved` (index -> value), and no
     others, beyond their tolerance; none if none leaves any of them within."""
     p, found = f.prepared.problem.parameters, dict[int, Finding]()
-    named = dict.fromkeys([f.decision.effects, (PAYLOAD.partition(".")[0],), *f.alone])
-    for (effect,) in [h for h in named if len(h) == 1 and h[0] in p.ids][:MOST_INSTEAD]:
-        fit = fit_alone(f.prepared.problem, (effect,), f.calibrated.theta, 30)
-        within = [p.infos[i].name.removesuffix(".excess") for i in moved if abs(fit.theta[i]) <= judgement.BEYOND_SD * p.sd[i]]
-        if within and f.closes(fit) and moved.keys() >= p.tense(fit.theta).keys():
+    for effect, theta in f.closing_alone.items():
+        within = [p.infos[i].name.removesuffix(".excess") for i in moved if abs(theta[i]) <= judgement.BEYOND_SD * p.sd[i]]
+        if within and moved.keys() >= p.tense(theta).keys():
             first, *more = (k for k, i in enumerate(p.infos) if (i.source, i.role) == (effect, "size"))
-            amount = "" if more else " {:+.3g} {}".format(*_in_percent(float(fit.theta[first]), p.infos[first].unit))
+            amount = "" if more else " {:+.3g} {}".format(*_in_percent(float(theta[first]), p.infos[first].unit))
             stay = "all of these" if len(within) == len(moved) else " and ".join(within)
             said = finding("within_with_effect", effect=with_id(effect, names) + amount, numbers=stay)
             found.setdefault(len(within), said)
