@@ -243,17 +243,17 @@ class Speech:
             return "there is no cause"
         found = ((r.parameters, r.in_words) for r in self.d.attribute.ranking if r.effects == tuple(effects))
         sizes, in_words = next(found, ({}, {}))
-        said = (" and ".join(self._says(e, sizes, in_words.get(e, ""), each) for e in effects) for each in (spread, False))
+        said = (" and ".join(self._says(e, sizes, in_words.get(e, ()), each) for e in effects) for each in (spread, False))
         names = [self.named((e,)) for e in effects]
         return _short_enough(*said, *(", ".join(names[:k]) for k in (3, 2, 1)), most=ROOM)
 
-    def _says(self, effect: str, sizes: Mapping[str, Value], in_words: str, spread: bool) -> str:
+    def _says(self, effect: str, sizes: Mapping[str, Value], in_words: Sequence[str], spread: bool) -> str:
         """One effect `in_words`, else with its size (parameter -> value) in a person's unit, and with `spread` its sd."""
         spec, words = self.catalogue.get(effect), self.d.words
         if spec is None or not spec.says:
             return f"{self.named((effect,))} is at work"
         if in_words:
-            return in_words if spread else re.sub(r" ± \d+", "", in_words)
+            return in_words[0 if spread else 1]
         quoted = "{:.3g} {}".format(*for_people(self.d.data.quoted_pressure, "Pa", words))
         parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
         if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):

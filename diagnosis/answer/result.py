@@ -229,8 +229,8 @@ class Ranked:
     parameters: Mapping[str, Value]
     limited: bool = False
     """As `Decision.limited`."""
-    in_words: Mapping[str, str] = field(default_factory=dict)
-    """Effect -> what it makes of each actuator, where its parameters do not say it."""
+    in_words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Effect -> what it makes of each actuator, with its standard deviation and without, where its parameters do not say it."""
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ class ByActuator:
         each = enumerate(zip(self.factor, self.sd, strict=True), 1)
         return {f"{self.effect} of {words.actuator} {k}": Value(f, sd, "1") for k, (f, sd) in each}
 
-    def says(self, words: Words) -> str:
+    def says(self, words: Words, spread: bool = True) -> str:
         """Which one differs from the others, or the two that differ most, by number and in percent."""
         factor = np.array(self.factor)
         others = (factor.sum() - factor) / (len(factor) - 1)
@@ -128,7 +128,7 @@ class ByActuator:
             odd, strongest = int(factor.argmin()), int(factor.argmax())
             of, by = f"{words.actuator} {strongest + 1}", factor[odd] / factor[strongest] - 1
         sd = 100 * abs(by) * self.spread
-        amount = f"{100 * abs(by):.0f}{f' ± {sd:.0f}' if sd >= 0.5 else ''} %"
+        amount = f"{100 * abs(by):.0f}{f' ± {sd:.0f}' if spread and sd >= 0.5 else ''} %"
         return f"{words.actuator} {odd + 1} {words.pushes} {amount} {'more' if by > 0 else 'less'} than {of}"
 
 

@@ -78,7 +78,7 @@ def attribute_section(
         evidence = own_evidence(named, (candidate, f.best, own))
         unseen = heldout.get(named) if evidence is not None or named == d.effects else None
         factors = (by_actuator(robot, specs[e], found) for e in named if e in specs)
-        in_words = {one.effect: one.says(robot.actuators.words) for one in factors if one is not None}
+        in_words = {x.effect: tuple(x.says(robot.actuators.words, sd) for sd in (True, False)) for x in factors if x is not None}
         ranked.append(Ranked(named, probability, np.nan if evidence is None else evidence, unseen, found, limited, in_words))
     return Attribute(
         **vars(d),

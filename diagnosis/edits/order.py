@@ -50,7 +50,7 @@ def apart(found: Array, given: Array) -> Array:
 
 
 def swaps(count: int) -> dict[tuple[int, int], list[int]]:
-    """Each pair of so many -> the order in which these two alone change places."""
+    """Pair of `count` actuators -> the order in which these two alone change places."""
     return {(i, j): [{i: j, j: i}.get(k, k) for k in range(count)] for i, j in combinations(range(count), 2)}
 
 

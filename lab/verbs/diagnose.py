@@ -198,9 +198,9 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     title = "What the data support (p: by all fits; log evidence: of one fit)"
     t = titled(title, ("hypothesis", "p", "log evidence", "unseen states", "size"))
     for r in (r for r in ranking if r.probability >= LEAST_STATED):
-        own = {e: {n.partition(".")[2]: v for n, v in r.parameters.items() if n.startswith(f"{e}.")} for e in r.effects}
-        each = {e: r.in_words.get(e) or ", ".join(f"{name} {sized(v, words)}" for name, v in own[e].items()) for e in r.effects}
-        sizes = "; ".join(f"{e}: {text}" if len(r.effects) > 1 else text for e, text in each.items() if text)
+        named = [(*name.partition(".")[::2], sized(v, words)) for name, v in r.parameters.items()]
+        own = {e: r.in_words.get(e, ())[:1] or [f"{name} {v}" for of, name, v in named if of == e] for e in r.effects}
+        sizes = "; ".join(f"{e}: " * (len(r.effects) > 1) + ", ".join(texts) for e, texts in own.items() if texts)
         evidence = f"{r.log_evidence:.1f}".replace("nan", "")
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
         t.add_row(" + ".join(r.effects) or "none", stated(r.probability, r.limited), evidence, held, sizes)

@@ -548,7 +548,7 @@ def test_actuators_are_named_by_number() -> None:
     def said(robot: Robot, sizes: dict[str, Value]) -> str:
         found, a = by_actuator(robot, CATALOGUE["chamber_gain"], sizes), attribute("effect", "cause", sizes, "chamber_gain")
         assert found is not None
-        words = {"chamber_gain": found.says(robot.actuators.words)}
+        words = {"chamber_gain": (found.says(robot.actuators.words), found.says(robot.actuators.words, False))}
         return line(replace(a, ranking=(replace(a.ranking[0], in_words=words),)), words=robot.actuators.words)
 
     assert said(three, sizes) == "Chamber 2 pushes 21 ± 2 % more than the others (p = 0.96)."
