@@ -195,13 +195,13 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     if q.thrust_on_walls.any() or not all(as_at_tip):
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             stretching = (1 - q.thrust_on_walls * q.thrust_borne) * own[piece][0] - (1 - q.thrust_on_walls) * force
-            out.add(element + col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
+            _add_active(out, element, 2, col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
     if q.twist.any() or q.thrust_on_walls.any() or not all(as_at_tip):
         _rest_of_moments(q, out, [m for _, m in own], at_tip)
 
 
 def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex], at_tip: Complex) -> None:
-    """Add (m(s) - `at_tip`) / (EI D) as rest curvature, m the actuators' moment (x + i y, N m) at s, D its softening.
+    """Add (m(s) - `at_tip`) / EI as rest curvature, m the actuators' moment (x + i y, N m) at s.
 
     With azimuth az + c s (1 + g s / L), m(s) is the moment of the piece (`moments`, as if aligned like at the tip) turned back by
     what the chambers wind from s to L, times 1 + w h (3 (s / L)^2 - 1), h = `thrust_growth`; to third order in s over an element.
@@ -215,8 +215,6 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * length * (1 + 2 * growth * bottom), q.twist * growth * length**2
         bend = out[element + col.BEND]
-        if q.bend_softening.any():
-            bend = bend * _softened(out[element + col.SERIES] * np.abs(moments[piece] / bend) ** 2)
         # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x = 0..1 along the element
         curvature = np.exp(1j * a0) * moments[piece] / bend
         c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
@@ -229,20 +227,16 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
             curvature * (b0 * c3 + b1 * c2 + b2 * c1),
         )
         for power, rise in enumerate(powers):
-            column = element + (col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1))
-            out.add(column, rise.real)
-            out.add(column + 1, rise.imag)
+            column = col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1)
+            _add_active(out, element, 3 * power, column, rise.real)
+            _add_active(out, element, 3 * power + 1, column + 1, rise.imag)
         bottom = bottom + length
 
 
-def _softened(x: Array) -> Array:
-    """D of D - 1 = g(x / D^2), x = a (k r)^2 of the curvature k for D = 1, g as in `model.rods.fast.equations`: by Newton."""
-    d = np.ones_like(x)
-    for _ in range(6):
-        y = x / d**2
-        level = 1 / (1 - 2 * np.minimum(y, 0.0))
-        d = d - (d - 1 - y * level) / (1 + 2 * y * level**2 / d)
-    return d
+def _add_active(out: RodColumns, element: int, k: int, column: int, rest: Array) -> None:
+    """Add to a rest strain in `column` of an element what actuators make, number k of `col.ACTIVE`."""
+    out.add(element + column, rest)
+    out.add(element + col.ACTIVE + k, rest)
 
 
 def _wrench(push: Array, unit_moments: Complex, area: Array, path_radius: float) -> tuple[Array, Complex]:
@@ -287,7 +281,7 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
         return
     thrust, left, axis, turn, aside = out[col.TIP_FORCE + 2], q.plane_lever, ZERO, ZERO * 1j, ZERO * 1j
     for element in reversed(q.layout.elements):
-        rest = [sum(out[element + c + k] for c in (col.REST_CURVATURE, *range(col.RISE, col.BLOCK, 3))) for k in range(2)]
+        rest = [sum(out[element + c + k] for c in (col.REST_CURVATURE, *range(col.RISE, col.ACTIVE, 3))) for k in range(2)]
         bend = out[element + col.BEND]
         curvature = 1j * (out[col.TIP_MOMENT] / bend + rest[0]) - (out[col.TIP_MOMENT + 1] / bend + rest[1])
         curvature = curvature + thrust / bend * aside

@@ -39,4 +39,7 @@ SERIES = 16
 """Hyperelastic terms: curvature a (m^2), coupling b (1), strain c (1); see `equations.strains`. Zero: linear."""
 RISE = 19
 """u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3 over z = 0 (element's base end) .. 1, three vectors, 1/m."""
-BLOCK = 28
+ACTIVE = 28
+"""What of u*_x, u*_y (1/m) and v*_z (1) the actuators within the section make by moments and a force, as they would a linear one:
+a hyperelastic one answers to their sum with the loads. In z as u*: three numbers, and their three rises."""
+BLOCK = 40

@@ -44,10 +44,11 @@ _PER_ELEMENT = {
     "load": (columns.LOAD, 3),
     "series": (columns.SERIES, 3),
     "curvature_rise": (columns.RISE, 9),
+    "active": (columns.ACTIVE, 12),
 }
 MOST_SPRINGS = 4
-BASIC = ("rest_curvature", "load", "tip_force", "tip_moment", "dead_force", "dead_moment")
-"""Fields that every method knows, besides lengths and stiffnesses."""
+BASIC = ("rest_curvature", "active", "load", "tip_force", "tip_moment", "dead_force", "dead_moment")
+"""Fields that every method knows, besides lengths and stiffnesses; `active` says nothing of sections that are linear."""
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,12 @@ Equilibrium and kinematics (eq. 1 and 2 of the paper: p' = R v, R' = R u^, n' = 
 A hyperelastic section has the stored energy, per length, of elastic bending curvatures k1, k2 and axial strain e
     W = Q (1 + G(a Q / B) B / (a Q) + h(b e)) / 2 + EA K(e),   Q = EIxx k1^2 + EIyy k2^2,  B^2 = EIxx EIyy
 (for EIxx = EIyy simply Q / B = curvature squared), so that its moment and axial force are
-    m_i = EI_i k_i D,   D = 1 + g(a Q / B) + h(b e),   n3 = EA k(e) + b Q h'(b e) / 2
-where g(x) = x, h(x) = x and k(e) = e + c e^2, G and K their integrals. A section that softens has g(x) = x / (1 - 2 x),
-h(x) = x / (1 - x) and k(e) = e / (1 - c e) below 0, so that it never carries less the more it is bent or stretched; for
-neo-Hookean silicone (b = -2, c = -1, R. S. Rivlin, Phil. Trans. R. Soc. A 240 (1948)) h is then right to second order
-in the strain, and k to second.
+    m_i + mu_i = EI_i k_i D,   D = 1 + g(a Q / B) + h(b e),   n3 + nu = EA k(e) + b Q h'(b e) / 2
+with mu and nu of the actuators within the section, given by what they would make of a linear one (mu_i / EI_i and nu / EA:
+`active`, which u* and v* hold already: u_i = k_i + u*_i - mu_i / EI_i), where g(x) = x, h(x) = x and k(e) = e + c e^2, G and K
+their integrals. A section that softens has g(x) = x / (1 - 2 x), h(x) = x / (1 - x) and k(e) = e / (1 - c e) below 0, so that it
+never carries less the more it is bent or stretched; for neo-Hookean silicone (b = -2, c = -1, R. S. Rivlin, Phil. Trans. R. Soc.
+A 240 (1948)) h is then right to second order in the strain, and k to second.
 """
 
 from __future__ import annotations
@@ -44,6 +45,11 @@ class Terms(LaneRecord):
     rise2: Vector
     rise3: Vector
     """u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0 at the element's base end .. 1 at its tip end, 1/m."""
+    active: Vector
+    active1: Vector
+    active2: Vector
+    active3: Vector
+    """mu_x / EI_x, mu_y / EI_y (1/m) and nu / EA, over z as u*."""
 
 
 @record
@@ -90,6 +96,8 @@ class Strains(NamedTuple):
     u: Vector
     v: Vector
     soft: Soft
+    free: Vector
+    """k1, k2 (1/m) and e of a section that were linear."""
 
 
 @inline
@@ -118,10 +126,15 @@ def strains(m: Vector, n: Vector, section: RodSection, z: float, near: Soft | No
     """u, v and softness of a section that carries m and n, at the share z of its element; `near` is how soft it is close by.
     `linear`: no section of the group is hyperelastic, which saves two thirds of the time."""
     u, v, terms = times(section.inv_bend, m), times(section.inv_stretch, n), section.terms
-    soft = Soft(1.0, v[2]) if linear else softened(law_of(m, n, section), near)
-    u, v = (u[0] / soft.d, u[1] / soft.d, u[2]), (v[0], v[1], soft.e)
-    rest = along(along(along(section.u_rest, z, terms.rise1), z * z, terms.rise2), z * z * z, terms.rise3)
-    return Strains(add(u, rest), add(v, section.v_rest), soft)
+    rest = add(u, along(along(along(section.u_rest, z, terms.rise1), z * z, terms.rise2), z * z * z, terms.rise3))
+    own = along(along(along(terms.active, z, terms.active1), z * z, terms.active2), z * z * z, terms.active3)
+    free = (u[0] + own[0], u[1] + own[1], v[2] + own[2])
+    if linear:
+        return Strains(rest, add(v, section.v_rest), Soft(1.0, free[2]), free)
+    soft = softened(law_of(free, section), near)
+    less = 1.0 - 1.0 / soft.d
+    bent = (rest[0] - less * free[0], rest[1] - less * free[1], rest[2])
+    return Strains(bent, add((v[0], v[1], soft.e - own[2]), section.v_rest), soft, free)
 
 
 class SectionLaw(NamedTuple):
@@ -138,13 +151,12 @@ class SectionLaw(NamedTuple):
 
 
 @inline
-def law_of(m: Vector, n: Vector, section: RodSection) -> SectionLaw:
-    """The law of a section that carries m and n."""
+def law_of(free: Vector, section: RodSection) -> SectionLaw:
+    """The law of a section of which its moments and axial force would make `free`."""
     a, b, c = section.terms.law
     ix, iy, _ = section.inv_bend
-    axial = section.inv_stretch[2]
-    energy = m[0] * (ix * m[0]) + m[1] * (iy * m[1])
-    return SectionLaw(a * energy * math.sqrt(ix * iy), 0.5 * energy * axial, axial * n[2], b, c)
+    energy = free[0] * free[0] / ix + free[1] * free[1] / iy
+    return SectionLaw(a * energy * math.sqrt(ix * iy), 0.5 * energy * section.inv_stretch[2], free[2], b, c)
 
 
 @inline

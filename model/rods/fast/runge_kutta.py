@@ -55,7 +55,7 @@ def step(
 @record
 class Softening(LaneRecord):
     """How D and e answer where F1 and F2 of `equations.balance` change, and by what these change with the section, Q / D^2 at
-    the same load being T = m1^2 / EI1 + m2^2 / EI2."""
+    the same load being T = EI1 k1^2 + EI2 k2^2 of a linear section's k."""
 
     k: Vector
     """Elastic bending curvatures (2), and 1 / D."""
@@ -108,20 +108,20 @@ def keep_stage(stage: Stage | None, y: RodState, n: Vector, s: Strains, section:
         stage.rows[1] = (2.0 * (a * b + w * c), 1.0 - 2.0 * (a * a + c * c), 2.0 * (b * c - w * a))
         stage.rows[2] = (2.0 * (a * c - w * b), 2.0 * (b * c + w * a), 1.0 - 2.0 * (a * a + b * b))
         stage.m, stage.n, stage.u, stage.v = y.m, n, s.u, s.v
-        keep_softening(stage.softening, y.m, n, s, section)
+        keep_softening(stage.softening, n, s, section)
 
 
 @inline
-def keep_softening(to: Softening, m: Vector, n: Vector, s: Strains, section: RodSection) -> None:
+def keep_softening(to: Softening, n: Vector, s: Strains, section: RodSection) -> None:
     """Keep how D and e of a hyperelastic section answer at its solution F1 = F2 = 0: d(D, e) = -J^-1 d(F1, F2) with
     J = d(F1, F2) / d(D, e), and the derivatives of F1 and F2 by the numbers of the section at the same D and e."""
-    law = law_of(m, n, section)
+    law = law_of(s.free, section)
     f = balance(law, s.soft)
     d, e = s.soft
     ix, iy, _ = section.inv_bend
-    total = ix * m[0] * m[0] + iy * m[1] * m[1]
+    total = s.free[0] * s.free[0] / ix + s.free[1] * s.free[1] / iy
     scale = -1.0 / (f.f1_by_d * f.f2_by_e - f.f1_by_e * f.f2_by_d)
-    to.k = (ix * m[0] / d, iy * m[1] / d, 1.0 / d)
+    to.k = (s.free[0] / d, s.free[1] / d, 1.0 / d)
     to.d_by_f1, to.d_by_f2 = scale * f.f2_by_e, -scale * f.f1_by_e
     to.e_by_f1, to.e_by_f2 = -scale * f.f2_by_d, scale * f.f1_by_d
     root, w = (ix * iy) ** 0.5, 1.0 / (d * d)  # 1 / B, and Q / (Q for D = 1)

@@ -29,8 +29,8 @@ def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, ste
 
 
 @routine
-def write_station(rod: Rod, section: RodSection, solved: Array, row: int, out: Array, s: int) -> None:
-    """Write the state at `rod.beside` as station s of a row."""
+def write_station(rod: Rod, section: RodSection, z: float, solved: Array, row: int, out: Array, s: int) -> None:
+    """Write the state at `rod.beside`, at the share z of its element, as station s of a row."""
     there = rod.beside
     q = orientation(there)
     found = out[row]
@@ -38,7 +38,7 @@ def write_station(rod: Rod, section: RodSection, solved: Array, row: int, out: A
     found[s, AT_TURN], found[s, AT_TURN + 1], found[s, AT_TURN + 2], found[s, AT_TURN + 3] = q
     put_three(found, s, AT_FORCE, there.force)
     put_three(found, s, AT_MOMENT, turned(q, there.m))
-    v = strains(there.m, turned_back(q, there.force), section, 0.0, None, False).v
+    v = strains(there.m, turned_back(q, there.force), section, z, None, False).v
     found[s, AT_STRAIN] = v[2] - 1.0
 
 
@@ -90,7 +90,7 @@ def visit_station(
     for l in range(min(LANES, last_row + 1 - first)):
         rod = Rod(group.work, l)
         if rod.share >= 0.0:
-            write_station(rod, section_of(group, e, l), solved, first + l, out, s)
+            write_station(rod, section_of(group, e, l), z + dz * rod.share, solved, first + l, out, s)
 
 
 @routine

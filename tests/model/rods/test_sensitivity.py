@@ -58,6 +58,7 @@ def rich_rods() -> Rods:
     rods.field("rest_strain")[..., :2] = (0.01, -0.02)
     rods.field("dead_moment")[:] = (0.02, 0.01, -0.03)
     rods.field("curvature_rise")[:] = 0.1 * np.arange(-4.0, 5.0)
+    rods.field("active")[:] = 0.1 * np.array([4.0, 3.0, 0.2, -3.0, 1.0, 0.1, 2.0, -2.0, -0.1, 1.0, 3.0, 0.2])
     return rods.check()
 
 
@@ -66,6 +67,15 @@ SIZES = {
     "spring_origin": 0.05, "spring_softness": 4e-3, "spring_arm": 0.05, "base_compliance": 0.02, "base_stiffening": 100.0,
 }  # fmt: skip
 """By how much each field is changed in a difference, before it is scaled down; others by 1."""
+
+
+def test_a_linear_section_knows_how_it_would_soften_by_what_actuators_make() -> None:
+    made = robots(2, 150e3, 0.1)
+    made.field("active")[..., :3] = (3.0, -2.0, 0.1)
+    along = direction(made, series=[[0.05, -1.0, -0.5]] * 2)
+    found = sensitivities(made, solve(made, TIGHT), along, TIGHT).tip[:, 0]
+    once, back = (solve(Rods(made.form, made.values + size * along[0]), TIGHT).tip for size in (1e-5, -1e-5))
+    np.testing.assert_allclose(found, (once - back) / 2e-5, rtol=1e-4, atol=1e-6)
 
 
 def outputs(values: Array, form: Form) -> dict[str, Array]:

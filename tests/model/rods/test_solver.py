@@ -162,6 +162,20 @@ def test_a_curvature_that_grows_along_an_element_equals_many_elements() -> None:
     assert np.abs(solve(graded).tip - solve(many, FINE).tip).max() < 6e-5
 
 
+def test_a_section_softens_by_the_sum_of_what_acts_on_it_and_what_actuators_within_make() -> None:
+    """In a plane, a moment of actuators in every section bends the rod as the same moment at its tip does."""
+    of_tip = robots(2, np.array([200e3, 300e3]), 0.0)
+    of_tip.field("series")[:] = [[(0.03, -2.0, -1.0)], [(-0.03, 0.5, 1.0)]]
+    of_tip.field("tip_force")[:], of_tip.field("dead_force")[:] = 0.0, (1.0, 0.0, -0.5)
+    bent = of_tip.field("tip_moment")[:, None, :] / of_tip.field("bend_stiffness")
+    assert not bent[..., (0, 2)].any() and (np.abs(bent[..., 1]) > 1.0).all()
+    active = np.concatenate([bent, np.zeros((*bent.shape[:2], 9))], axis=-1)
+    within, kept = (of_tip.changed(tip_moment=0.0, rest_curvature=bent, active=a) for a in (active, 0.0))
+    tip = solve(of_tip, FINE).tip
+    assert np.abs(solve(within, FINE).tip - tip).max() < 1e-7
+    assert (np.linalg.norm(solve(kept, FINE).tip - tip, axis=1) > 1e-4).all()
+
+
 def test_the_base_turns_with_its_tilt_and_gives_with_its_moment() -> None:
     found = robots(2, 150e3, 0.1)
     found.field("base_turn")[1] = (0.0, 0.03, 0.0)

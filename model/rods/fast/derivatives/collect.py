@@ -106,21 +106,55 @@ def collect_rises(walk: ColumnWalk, z: float, dz: float) -> None:
 
 
 @inline
-def more_terms(sums: tuple[Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
-    """Add the work T (see `tangent`) of stage i by the bending (2) and axial stiffness, without the factors of `collect_terms`,
-    and by the softening's a, b, c. D and e solve F1 = F2 = 0 of `equations.balance`; `Softening` holds how they answer to F1 and
-    F2, and these to the section."""
-    answer, stage = walk.answers[i], walk.stages[i]
-    s, dm, m, inverse = stage.softening, answer.dm, stage.m, walk.section.inv_bend
+def through_softness(walk: ColumnWalk, i: int, weight: float) -> tuple[float, float, float, float]:
+    """dn3 of stage i, and work T (see `tangent`) by F1 and F2, through D and e that solve F1 = F2 = 0 of `equations.balance`,
+    and by the T of `Softening`, which holds how they answer to F1 and F2, and these to the section."""
+    answer, s = walk.answers[i], walk.stages[i].softening
     dn = fused(weight, walk.added, answer.dn[2])
-    k1, k2, inverse_d = s.k
-    bending = (dm[0] * k1 + dm[1] * k2) * inverse_d
-    # work by F1 and by F2, through D and e
+    bending = (answer.dm[0] * s.k[0] + answer.dm[1] * s.k[1]) * s.k[2]
     by_f1, by_f2 = dn * s.e_by_f1 - bending * s.d_by_f1, dn * s.e_by_f2 - bending * s.d_by_f2
-    by_total, by_root = s.f1_by_total * by_f1 + s.f2_by_total * by_f2, s.f1_by_root * by_f1
+    return dn, by_f1, by_f2, s.f1_by_total * by_f1 + s.f2_by_total * by_f2
+
+
+@inline
+def more_active(
+    sums: tuple[float, float, Vector, Vector, Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float
+) -> tuple[float, float, Vector, Vector, Vector, Vector]:
+    """T of stage i by what actuators within the section make of it, at the same rest strains, and this times z, z^2, z^3."""
+    start, fall, constant, first, second, third = sums
+    answer, (k1, k2, inverse_d), inverse = walk.answers[i], walk.stages[i].softening.k, walk.section.inv_bend
+    dn, _, by_f2, by_total = through_softness(walk, i, weight)
+    more, z = 2.0 * by_total / inverse_d, start - share * fall
+    by = (
+        answer.dm[0] * (inverse_d - 1.0) + more * k1 / inverse[0],
+        answer.dm[1] * (inverse_d - 1.0) + more * k2 / inverse[1],
+        -by_f2 - dn,
+    )
+    return start, fall, add(constant, by), along(first, z, by), along(second, z * z, by), along(third, z * z * z, by)
+
+
+@inline
+def collect_active(walk: ColumnWalk, z: float, dz: float) -> None:
+    """T on what the actuators make; nothing where no section is hyperelastic."""
+    (share, h), work = step_of(walk, dz), walk.column.work
+    _, _, constant, first, second, third = over_stages(more_active, (z, share, NOTHING, NOTHING, NOTHING, NOTHING), walk)
+    work.active, work.active1 = along(work.active, h, constant), along(work.active1, h, first)
+    work.active2, work.active3 = along(work.active2, h, second), along(work.active3, h, third)
+
+
+@inline
+def more_terms(sums: tuple[Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
+    """Add the work of stage i by the bending (2) and axial stiffness, without the factors of `collect_terms`, and by the
+    softening's a, b, c."""
+    stage, inverse = walk.stages[i], walk.section.inv_bend
+    s, dm, m, inverse_d = stage.softening, walk.answers[i].dm, stage.m, stage.softening.k[2]
+    _, by_f1, by_f2, by_total = through_softness(walk, i, weight)
+    by_root = s.f1_by_root * by_f1
+    # m + mu of the actuators
+    m1, m2 = s.k[0] / (inverse_d * inverse[0]), s.k[1] / (inverse_d * inverse[1])
     by_stiffness = (
-        dm[0] * m[0] * inverse_d + m[0] * m[0] * by_total + by_root / inverse[0],
-        dm[1] * m[1] * inverse_d + m[1] * m[1] * by_total + by_root / inverse[1],
+        dm[0] * m[0] * inverse_d + (2.0 * m[0] - m1) * m1 * by_total + by_root / inverse[0],
+        dm[1] * m[1] * inverse_d + (2.0 * m[1] - m2) * m2 * by_total + by_root / inverse[1],
         s.f2_by_axial * by_f2,
     )
     by_series = (s.f1_by_a * by_f1, s.f2_by_b * by_f2 + s.f1_by_b * by_f1, s.f2_by_c * by_f2)
@@ -145,10 +179,12 @@ def each(one: Callable[[ColumnWalk, float, float], None], work: Array, z: float,
 
 
 @inline
-def collect(work: Array, z: float, dz: float) -> None:
+def collect(work: Array, linear: bool, z: float, dz: float) -> None:
     """Add what all lanes collect in the step from z by dz (shares of the element) to their columns."""
     each(collect_moments, work, z, dz)
     each(collect_forces, work, z, dz)
     each(collect_shift, work, z, dz)
     each(collect_rises, work, z, dz)
     each(collect_terms, work, z, dz)
+    if not linear:
+        each(collect_active, work, z, dz)

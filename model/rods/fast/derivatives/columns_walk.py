@@ -177,7 +177,7 @@ def step_all(group: RodGroup, start: Array, into: Array, e: int, j: int, pieces:
         load_column(work, start, c, COLUMN if j > 0 else PLACED, e)
         for l in range(LANES):
             step_column(ColumnWalk(work, l), dz)
-        collect(work, z, dz)
+        collect(work, group.linear, z, dz)
         copy_lanes(ColumnWalk(work, 0).column, TangentColumn(into, 0, c * COLUMN), COLUMN)
 
 

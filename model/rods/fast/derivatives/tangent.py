@@ -46,6 +46,10 @@ class Work(LaneRecord):
     rise1: Vector
     rise2: Vector
     rise3: Vector
+    active: Vector
+    active1: Vector
+    active2: Vector
+    active3: Vector
 
 
 @record
@@ -123,13 +127,13 @@ def change_along(y: AddedChange, h: float, k: AddedChange) -> AddedChange:
 
 
 @inline
-def compliance(dm: Vector, dn: Vector, m: Vector, here: Here, s: Softening) -> tuple[Vector, Vector]:
-    """(du, dv) = C (dm, dn) of a section that carries m."""
+def compliance(dm: Vector, dn: Vector, here: Here, s: Softening) -> tuple[Vector, Vector]:
+    """(du, dv) = C (dm, dn) of a section."""
     du, dv = times(here.inv_bend, dm), times(here.inv_stretch, dn)
-    total = 2.0 * (here.inv_bend[0] * m[0] * dm[0] + here.inv_bend[1] * m[1] * dm[1])
+    k1, k2, inverse = s.k
+    total = 2.0 * (k1 * dm[0] + k2 * dm[1]) / inverse
     f1, f2 = s.f1_by_total * total, s.f2_by_total * total - dv[2]
     d, e = s.d_by_f1 * f1 + s.d_by_f2 * f2, s.e_by_f1 * f1 + s.e_by_f2 * f2
-    k1, k2, inverse = s.k
     return ((du[0] - k1 * d) * inverse, (du[1] - k2 * d) * inverse, du[2]), (dv[0], dv[1], e)
 
 
@@ -140,7 +144,7 @@ def change_slope(y: AddedChange, i: int, share: float, weight: float, here: Here
     u, v, n = stage.u, stage.v, stage.n
     dn = plus_cross(stage.pull, n, y.theta)
     pulled = (dn[0], dn[1], dn[2] + here.added)
-    du, dv = compliance(y.dm, pulled, stage.m, here, stage.softening)
+    du, dv = compliance(y.dm, pulled, here, stage.softening)
     if weight != 0.0:
         answer.dm, answer.dn, answer.strain = scaled(weight, y.dm), scaled(weight, dn), weight * dv[2]
         answer.moved = scaled(weight, plus_cross(dv, y.theta, v))
