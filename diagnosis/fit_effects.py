@@ -168,7 +168,7 @@ def fit_effects(
     # edits leave a robot with effects as it is
     settled, edited = settled_and_edited(robot, case_states, catalogue, named)
     robot, case_states = edited.robot, edited.states
-    if settled is not None:  # how thrust gets into the walls is fitted with the rest
+    if settled is not None and THRUST in robot.effects:  # how thrust gets into the walls is fitted with the rest
         shapes = {f"{THRUST}.{name}": shape.value for name, shape in robot.effects[THRUST].items() if name != "share"}
         robot = robot.model_copy(update={"effects": {id: effect for id, effect in robot.effects.items() if id != THRUST}})
         named, start = tuple(id for id in catalogue if id in (*named, THRUST)), {**shapes, **start}

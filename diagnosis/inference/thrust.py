@@ -60,9 +60,13 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     parameters = p.problem.parameters
     other_effects = tuple(e for e in BESIDE if e in parameters.ids)
 
-    def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, dict[str, float]]:
-        """rms (mm) of the tip with these effects free, and the parameters fitted."""
-        best = fit(p.problem, parameters.prior_of(named), FIT_DISCREPANCY_SIZE, start, ROUNDS)
+    shapes, names = tuple(f"{THRUST}.{n}" for n in ("borne", "growth")), np.array(parameters.names)[parameters.of_effect]
+
+    def fitted(named: tuple[str, ...], start: np.ndarray, fixed: tuple[str, ...] = ()) -> tuple[float, dict[str, float]]:
+        """rms (mm) of the tip with these effects free but `fixed` parameters, and the parameters fitted."""
+        prior = parameters.prior_of(named)
+        prior = replace(prior, variance=np.where(np.isin(names, fixed), 0.0, prior.variance))
+        best = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
         values = dict(zip(parameters.names, best.theta.tolist(), strict=True))
         return 1e3 * rms(p.gap(p.problem.observed - best.predicted)), values
 
@@ -72,8 +76,11 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     settled, as_stated = walls <= WALLS_GAIN * cap, abs(found[AREA]) <= abs(on_cap[AREA])
     if found[f"{THRUST}.share"] < ON_WALLS or not (settled or (as_stated and walls <= LIKELY_WALLS_GAIN * cap)):
         return None
-    shapes = {name: found[f"{THRUST}.{name}"] for name in ("borne", "growth")}
-    stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
-    with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
+    plain, of_plain = fitted((THRUST, *other_effects), np.array([found[name] for name in parameters.names]), shapes)
+    if walls > LIKELY_WALLS_GAIN * plain:  # shapes would take up what other causes do
+        walls, found = plain, of_plain
+    stated = {name.removeprefix(f"{THRUST}."): Stated(value=found[name], unit="1") for name in shapes}
+    of_walls = {THRUST: {"share": Stated(value=1.0, unit="1"), **stated}} if any(found[name] for name in shapes) else {}
+    with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, **of_walls}})
     words = robot.actuators.words
     return with_walls, finding("thrust_settled" if settled else "thrust_likely", words, walls_mm=walls, cap_mm=cap)
