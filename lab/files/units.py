@@ -16,10 +16,8 @@ KINDS: dict[str, dict[str, float]] = {
         "atm": 101_325.0, "mmHg": 133.322387415, "Torr": 101_325.0 / 760, "inHg": 3386.389, "cmH2O": 98.0665, "inH2O": 249.08891,
         "kgf/cm2": 98_066.5, "N/cm^2": 1e4,
     },
-    "Pa/s": {"Pa/s": 1.0, "kPa/s": 1e3, "bar/s": 1e5},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0},
     "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.44822},
-    "N/s": {"N/s": 1.0, "mN/s": 1e-3},
     "N m": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3},
     "N m^2": {"N m^2": 1.0, "Nm^2": 1.0, "N mm^2": 1e-6},
     "kg": {"kg": 1.0, "g": 1e-3},
@@ -33,6 +31,7 @@ KINDS: dict[str, dict[str, float]] = {
     "1": {"1": 1.0, "%": 1e-2},
     "A": {"A": 1.0, "mA": 1e-3},
 }  # fmt: skip
+KINDS |= {f"{kind}/s": {f"{unit}/s": size for unit, size in KINDS[kind].items()} for kind in ("Pa", "N")}
 """SI unit -> units of its kind, and their size: of files, headings of tables and the command line."""
 _SPELLINGS = {
     "m": "meter meters metre metres mètres metros м", "cm": "centimeter centimeters centimetre centimetres zentimeter см",
@@ -51,8 +50,8 @@ SPELLED = {word: unit for unit, words in _SPELLINGS.items() for word in words.sp
 def plain_unit(name: str) -> str:
     """The unit that a name is a spelling of, else the name.
 
-    >>> plain_unit("Millimeter"), plain_unit("°"), plain_unit("mm"), to_si("5 µm", "m")
-    ('mm', 'deg', 'mm', 5e-06)
+    >>> plain_unit("Millimeter"), plain_unit("°"), plain_unit("mm"), to_si("5 µm", "m"), to_si("1 atm/s", "Pa/s")
+    ('mm', 'deg', 'mm', 5e-06, 101325.0)
     """
     return SPELLED.get(name.casefold(), name)
 

@@ -36,7 +36,7 @@ from ..files.map_file import factor
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..files.robot_numbers import doubtful_numbers
-from ..imports.headings import unit_named
+from ..imports.headings import UNITS, unit_named
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, path_option, repeatable
 from .run import Columns, planned_columns, protocol_plan, robot_facts, source_of
 
@@ -202,8 +202,11 @@ def table_states(path: Path, words: Words) -> Columns:
 def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple[Columns, set[str]]:
     """Columns whose names match the pattern, in SI, and those of them in whose headings a unit stands. Raises ConfigError."""
     columns, in_unit = Columns(), set[str]()
-    for heading, column in read_numbers(path, (), rf"({pattern})(\s*[\[(].+[\])])?", needed).items():
-        name, _, stated = re.sub(r"[\[(\])]", " ", heading).partition(" ")
+    in_heading = re.compile(rf"({pattern})(?:\s*[\[(](.+)[\])]|_((?i:{'|'.join(map(re.escape, UNITS))})))?")
+    for heading, column in read_numbers(path, (), in_heading.pattern, needed).items():
+        found = in_heading.fullmatch(heading)
+        assert found is not None  # the columns that it matches are read
+        name, stated = found[1], found[2] or found[3] or ""
         if name in columns:
             raise ConfigError(f"{path}: several columns are {name}, such as {heading!r}: leave one out")
         kind, unit = unit_named(stated) or ("", stated.strip())
