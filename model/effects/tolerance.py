@@ -58,6 +58,14 @@ def _azimuths(q: Quantities, v: Values) -> None:
     q.azimuth = q.azimuth + np.stack(np.broadcast_arrays(*v.values()), axis=-1)
 
 
+def _pressure_gain(q: Quantities, v: Values) -> None:
+    q.pressure = q.pressure * (1 + np.stack(np.broadcast_arrays(*v.values()), axis=-1))
+
+
+def _pressure_zero(q: Quantities, v: Values) -> None:
+    q.pressure = q.pressure + np.stack(np.broadcast_arrays(*v.values()), axis=-1) * ~q.design.stiffness[:, None]
+
+
 def _path_radius(q: Quantities, v: Values) -> None:
     q.lever = q.lever + v["excess"] / np.mean(q.robot.actuators.path_radius)
 
@@ -136,10 +144,12 @@ TRACKED_TURN = _tolerance("tracked_turn", "measurement", Law(after=_tracked_turn
 
 def as_drawn(actuators: int, names: Container[str]) -> tuple[VariationSource, ...]:
     """Tolerances of a robot's drawing, those of `names`: nothing is usual for them, so that robot.yaml states each."""
-    azimuths = _each("rad", ANGLE, *(f"p{k}" for k in range(1, actuators + 1)))
+    each = tuple(f"p{k}" for k in range(1, actuators + 1))
     found = (
         _tolerance("axial_stiffness", "material", Law(before=growing(stretching="excess")), *_each("1", 0.02, "excess")),
-        _tolerance("azimuths", "actuation", Law(before=_azimuths), *azimuths),
+        _tolerance("azimuths", "actuation", Law(before=_azimuths), *_each("rad", ANGLE, *each)),
+        _tolerance("pressure_gain", "actuation", Law(before=_pressure_gain), *_each("1", 0.01, *each)),
+        _tolerance("pressure_zero", "actuation", Law(before=_pressure_zero), *_each("Pa", 300.0, *each)),
         _tolerance("path_radius", "actuation", Law(before=_path_radius), *_each("m", 0.1e-3, "excess")),
         _tolerance("tip_mass", "load", Law(before=adding(payload="excess")), *_each("kg", 1e-3, "excess")),
     )

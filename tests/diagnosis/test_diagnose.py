@@ -112,6 +112,15 @@ def test_a_stated_uncertainty_of_the_chambers_azimuths_explains_what_lies_within
     assert "chamber_azimuth" not in diagnose(drawn_roughly, quick()).attribute.effects
 
 
+def test_stated_uncertainties_of_pressure_readings_explain_their_gains_and_zeros() -> None:
+    true = measured(2, 5, FEW)
+    gains = dict(zip((f"p{k}" for k in range(1, 10)), np.linspace(0.95, 1.05, 9), strict=True))
+    read = replace(true, table=true.table.replaced({p: true.table[p] / gain - 1e3 for p, gain in gains.items()}))
+    gauged = replace(read, robot=read.robot.replace(uncertainty=Uncertainty(pressure_gain=0.03, pressure_zero=1e3)))
+    exact, unstated, stated = (fit_effects(case, []) for case in (true, read, gauged))
+    assert unstated.left_mm > 1.3 * exact.left_mm and stated.left_mm < 1.1 * exact.left_mm
+
+
 def test_experiments_are_proposed_within_limits_with_a_catalogue_that_knows_no_wrong_pressures() -> None:
     one, case = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}, measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8))
     limit = 0.998 * float(case.table.pressures.max())
