@@ -141,9 +141,9 @@ class Uncertainty(FileTable):
     azimuths: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
     """Of each chamber or tendon; usual 0."""
     pressure_gain: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "1"})
-    """Share of each reading of a pressure or tension; usual 0."""
+    """Share of each pressure or tension; usual 0."""
     pressure_zero: FiniteFloat | None = Field(default=None, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
-    """Of each of these readings, also at rest; usual 0."""
+    """Of each, at rest too; usual 0."""
     tip_mass: FiniteFloat | None = Field(default=None, gt=0, le=50, json_schema_extra={"unit": "kg"})
     """Usual 0."""
     tilt: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
