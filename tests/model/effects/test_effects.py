@@ -9,7 +9,7 @@ import pytest
 
 from model.arrays import Array
 from model.body import body_of
-from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.effects import CATALOGUE
 from model.effects import layout as at
 from model.effects.solver import solve as solve_rows
 from model.robot import Robot, robot_from_dict
@@ -227,10 +227,8 @@ def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(pap
 
 def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot) -> None:
     tau, rate, hold = 1.5, 25e3, 1.0
-    design = design_from_columns(
-        paper_robot, campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold), ("x", "y", "z")
-    )
-    q = copy.copy(ForwardModel(paper_robot, design)._baseline)
+    forward = Moved(paper_robot, campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold)).forward
+    design, q = forward.design, copy.copy(forward._baseline)
     CATALOGUE["pressure_lag"].law.before(q, {"constant": np.array([[tau]])})  # type: ignore[misc]
     held, last, wanted = 0.0, 0.0, []
     for goal in design.pressure.max(axis=1):
