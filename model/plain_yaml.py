@@ -100,7 +100,6 @@ def parse(text: str) -> tuple[object, yaml.Node | None]:
     """The values of a text, and its nodes (they know their lines); raises `BadYaml`, and nothing else."""
     if len(text) > MOST_CHARACTERS:
         raise BadYaml(f"has {len(text)} characters, more than the limit of {MOST_CHARACTERS}")
-    loader = None
     try:
         loader = _Loader(text)
         node = loader.get_single_node()
@@ -109,9 +108,6 @@ def parse(text: str) -> tuple[object, yaml.Node | None]:
         mark = getattr(error, "problem_mark", None)
         why = getattr(error, "problem", None) or str(error).partition("\n")[0]
         raise BadYaml(f"is not valid YAML: {why}; quote text with [ ] {{ }} , : or #", mark and mark.line + 1) from error
-    finally:
-        if loader is not None:
-            loader.dispose()  # type: ignore[no-untyped-call]
 
 
 def loaded(path: Path, name: str, start: str, make: Callable[[Mapping[str, Any]], M], refused: type[ModelError]) -> M:

@@ -6,12 +6,9 @@ causes        what may be wrong, and ArmModel: positions and their derivatives b
 poses         whether measured poses can be the arm's own, and where its base stands among them
 """
 
-from model.arm.causes import ArmModel, arm_causes
-from model.arm.description import Arm, Link, arm_from_dict, load_arm
+from model.arm.causes import ArmModel
+from model.arm.description import Arm, arm_from_dict, load_arm
 from model.arm.kinematics import gravity_torques
 from model.arm.poses import placed, poses_within, weighed
 
-__all__ = [
-    "Arm", "ArmModel", "Link", "arm_causes", "arm_from_dict", "gravity_torques",
-    "load_arm", "placed", "poses_within", "weighed",
-]  # fmt: skip
+__all__ = ["Arm", "ArmModel", "arm_from_dict", "gravity_torques", "load_arm", "placed", "poses_within", "weighed"]

@@ -29,21 +29,17 @@ Where things are
     forward       ForwardModel
 """
 
-from model.condition import States
 from model.effects.catalogue import CATALOGUE, with_effects
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
-from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec, Law, Parameter
 
 __all__ = [
     "CATALOGUE",
-    "States",
     "EffectSpec",
     "ForwardModel",
     "Law",
     "Parameter",
-    "ParameterInfo",
     "design_from_columns",
     "with_effects",
 ]

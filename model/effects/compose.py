@@ -188,16 +188,15 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     out[col.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
     at_tip = (1 - q.thrust_on_walls) * moment
     out[col.TIP_MOMENT], out[col.TIP_MOMENT + 1] = at_tip.real, at_tip.imag
-    as_at_tip = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
-            for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
-    own = [(force, moment) if same else _wrench(push, unit_moments, area, radius)
-           for same, area, radius in zip(as_at_tip, q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
-    if q.thrust_on_walls.any() or not all(as_at_tip):
+    uneven = bool((q.body.chamber_area != q.body.tip_area).any() or np.ptp(q.body.path_radius))
+    if not (uneven or q.twist.any() or q.thrust_on_walls.any()):
+        return
+    own = [_wrench(push, unit_moments, a, r) for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]
+    if uneven or q.thrust_on_walls.any():
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             stretching = (1 - q.thrust_on_walls * q.thrust_borne) * own[piece][0] - (1 - q.thrust_on_walls) * force
             _add_active(out, element, 2, col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
-    if q.twist.any() or q.thrust_on_walls.any() or not all(as_at_tip):
-        _rest_of_moments(q, out, [m for _, m in own], at_tip)
+    _rest_of_moments(q, out, [m for _, m in own], at_tip)
 
 
 def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex], at_tip: Complex) -> None:

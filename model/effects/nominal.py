@@ -16,7 +16,7 @@ from model.effects.spec import EffectSpec, Law, Values
 from model.effects.tolerance import ALWAYS, JAMMING, as_drawn, as_stated
 from model.errors import BadRobot, nearest, unit_text
 from model.robot import Robot
-from model.stated import Stated, Table
+from model.stated import Table
 
 ROUNDING = 1e-6
 """Plausible sizes by which a number beyond its bound is at the bound: robot.yaml has seven digits."""
@@ -67,17 +67,13 @@ def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterab
 
 
 def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec]) -> dict[str, tuple[Law, Values]]:
-    """Laws and values (1, 1) of the robot's effects that are not in `catalogue`, by id; raises as `stated_effects`."""
-    return {
-        id: (spec.law, values_of(robot.causes[id], spec))
-        for id, spec in stated_effects(robot, catalogue).items()
-        if id not in catalogue
-    }
+    """Laws and values (1, 1) of the robot's effects that are not in `catalogue`, by id, 0 where none is stated.
 
-
-def values_of(stated: Mapping[str, Stated], spec: EffectSpec) -> dict[str, Array]:
-    """Parameter -> (1, 1) what is stated of it, 0 where nothing is."""
-    return {p.name: np.full((1, 1), stated[p.name].value if p.name in stated else 0.0) for p in spec.parameters}
+    Raises as `stated_effects`.
+    """
+    fixed = {id: spec for id, spec in stated_effects(robot, catalogue).items() if id not in catalogue}
+    zero, values = np.zeros((1, 1)), {name: np.full((1, 1), stated.value) for name, stated in robot.stated.items()}
+    return {id: (spec.law, {p.name: values.get(f"{id}.{p.name}", zero) for p in spec.parameters}) for id, spec in fixed.items()}
 
 
 def nominal_values(robot: Robot, infos: Iterable[ParameterInfo]) -> Array:
@@ -93,17 +89,11 @@ def beyond(robot: Robot, infos: tuple[ParameterInfo, ...], nominal: Array) -> tu
     shapes moves the robot too: all its parameters are sizes, which do nothing at zero.
     """
     present = {i.source for i, value in zip(infos, nominal, strict=True) if value and i.role == "size"}
-    return tuple(
-        replace(
-            i,
-            low=i.low - value,
-            high=i.high - value,
-            sign="both" if i.source in present else i.sign,
-            role="size" if i.source in present else i.role,
-            starts=(0.0,) if i.source in present else tuple(start - value for start in i.starts),
-        )
+    counted = [
+        replace(i, low=i.low - value, high=i.high - value, starts=tuple(start - value for start in i.starts))
         for i, value in zip(infos, nominal.tolist(), strict=True)
-    )
+    ]
+    return tuple(replace(i, sign="both", role="size", starts=(0.0,)) if i.source in present else i for i in counted)
 
 
 def obstacle_direction(robot: Robot) -> Array | None:

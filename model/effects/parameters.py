@@ -129,7 +129,7 @@ def parameter_table(design: States, sources: tuple[VariationSource, ...], robot:
     infos, of_row = list[ParameterInfo](), list[Ints]()
     for source in sources:
         for p in source.spec.parameters:
-            absent = p.name in PARTS.values() and getattr(robot, p.name) is None
+            absent = p.name in PARTS and getattr(robot, p.name) is None
             rows = np.full(len(design), -1, np.int64)
             for label, trial, states_of_copy in () if absent else _copies(design, source):
                 rows[states_of_copy] = len(infos)

@@ -19,14 +19,9 @@ from model.effects.scales import STANDARD, Scales
 from model.robot import Robot
 
 
-def constant(value: float) -> Any:
-    """Declare a quantity that the baseline takes as `value` in all states."""
-    return field(default_factory=lambda: np.full((1, 1), value))
-
-
-def no_vector() -> Array:
-    """(1, 1, 3) zeros."""
-    return np.zeros((1, 1, 3))
+def constant(value: float, *axes: int) -> Any:
+    """Declare a quantity that the baseline takes as `value` in all states, along further `axes` of these lengths."""
+    return field(default_factory=lambda: np.full((1, 1, *axes), value))
 
 
 @dataclass(slots=True, kw_only=True)
@@ -98,13 +93,13 @@ class Quantities:
     """Factor b of the same."""
     spine_softening: Array = constant(0.0)
     """Share 0..1 of the spine's part of a section that does as the silicone does."""
-    tip_force: Array = field(default_factory=no_vector)
+    tip_force: Array = constant(0.0, 3)
     """(v, n, 3) N at the tip, base frame, besides the tip mass."""
-    tip_moment: Array = field(default_factory=no_vector)
+    tip_moment: Array = constant(0.0, 3)
     """(v, n, 3) N m, likewise, besides the known moment."""
     payload: Array = constant(0.0)
     """kg at the tip besides the tip mass that is known."""
-    payload_place: Array = field(default_factory=no_vector)
+    payload_place: Array = constant(0.0, 3)
     """(v, n, 3) m from the tip to its centre, tip frame."""
     tether: Array = constant(0.0)
     """N/m, holds the tip sideways to where it hangs unloaded."""
@@ -116,7 +111,7 @@ class Quantities:
     """m from the tip back to where the body meets the obstacle."""
     plane_direction: Array
     """(2,), or (2, v, n): unit vector in the base frame's x, y towards the obstacle."""
-    base_turn: Array = field(default_factory=no_vector)
+    base_turn: Array = constant(0.0, 3)
     """(v, n, 3) rad."""
     base_compliance: Array = constant(0.0)
     """rad/(N m) about x and y."""
@@ -124,7 +119,7 @@ class Quantities:
     """1 / rad^2 with which it stiffens."""
     base_relief: Array = constant(0.0)
     """Share 0..1 of the chambers' moment that the mount does not feel."""
-    rest_curvature: Array = field(default_factory=no_vector)
+    rest_curvature: Array = constant(0.0, 3)
     """(v, n, 3) 1/m at mid-length, section frame."""
     rest_growth: Array = constant(0.0)
     """Rest curvature at the tip over that at mid-length, less one."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from model.arrays import Array
@@ -20,28 +22,23 @@ def pushes(robot: Robot, design: States) -> bool:
     return bool(design.stiffness.any())
 
 
-def by_tendons(robot: Robot, design: States) -> bool:
-    """A robot with tendons."""
-    return robot.tendons is not None
+@dataclass(frozen=True)
+class Having:
+    """A robot with a part, whatever its campaign holds."""
+
+    part: str
+
+    def __call__(self, robot: Robot, design: States | None = None) -> bool:
+        return getattr(robot, self.part) is not None
 
 
-def with_spine(robot: Robot, design: States) -> bool:
-    """A robot with a spine."""
-    return robot.spine is not None
-
-
-def by_chambers(robot: Robot, design: States) -> bool:
-    """A robot with chambers."""
-    return robot.chambers is not None
-
-
-PARTS: dict[object, str] = {with_spine: "spine", by_tendons: "tendons", by_chambers: "chambers"}
+PARTS = ("spine", "tendons", "chambers")
+with_spine, by_tendons, by_chambers = map(Having, PARTS)
 
 
 def possible(robot: Robot, spec: EffectSpec) -> bool:
     """Whether the robot has the part that an effect is of, whatever its campaign holds."""
-    part = PARTS.get(spec.shown)
-    return part is None or getattr(robot, part) is not None
+    return not isinstance(spec.shown, Having) or spec.shown(robot)
 
 
 def set_points(robot: Robot, design: States) -> bool:

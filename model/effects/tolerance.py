@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from model.effects.laws.measurement import force_bias, frame_misalignment
 from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
-from model.effects.scales import STANDARD, Scales, scales
+from model.effects.scales import Scales, scales
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, adding, growing, vector
 from model.robot import Robot
 from model.rotation import from_vector, multiply
@@ -39,19 +39,15 @@ class VariationSource:
     scope: Scope = "all"
 
 
-def _modulus(q: Quantities, v: Values) -> None:
-    """Beside what an effect adds, not times it: then the two trade along a straight line."""
-    q.body_modulus = q.body_modulus + q.robot.youngs_modulus * v["excess"]
+def _beside(quantity: str, number: str, q: Quantities, v: Values) -> None:
+    """A share of the robot's `number` beside what an effect adds, not times it: then the two trade along a straight line."""
+    setattr(q, quantity, getattr(q, quantity) + getattr(q.robot, number) * v["excess"])
 
 
 def _drift(q: Quantities, v: Values) -> None:
     """E grows by `slope` from the first state to the last, and by `bend` more at both ends than half way."""
     u = q.design.progress - 0.5
     q.body_modulus = q.body_modulus + q.robot.youngs_modulus * (v["slope"] * u + v["bend"] * 4 * u**2)
-
-
-def _density(q: Quantities, v: Values) -> None:
-    q.density = q.density + q.robot.density * v["excess"]
 
 
 def _azimuths(q: Quantities, v: Values) -> None:
@@ -117,8 +113,10 @@ def _each(unit: str, sd: float, *names: str, widest: float = 10.0) -> tuple[Para
 AREA = _tolerance("area", "actuation", Law(before=growing(area_factor="excess")), Parameter("excess", "1", 0.5, -0.9, 8.0)).spec
 ANGLE = math.radians(0.1)
 ALWAYS = (
-    _tolerance("youngs_modulus", "material", Law(before=_modulus), *_each("1", 0.02, "excess")),
-    _tolerance("density", "load", Law(before=_density), *_each("1", 0.01, "excess")),
+    _tolerance(
+        "youngs_modulus", "material", Law(before=partial(_beside, "body_modulus", "youngs_modulus")), *_each("1", 0.02, "excess")
+    ),
+    _tolerance("density", "load", Law(before=partial(_beside, "density", "density")), *_each("1", 0.01, "excess")),
     _tolerance("tilt", "boundary", Law(before=base_tilt), *_each("rad", ANGLE, "x", "y")),
     _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_each("rad", ANGLE)),
     _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_each("m", 1.6e-3, widest=30.0), standard=True),
@@ -212,23 +210,21 @@ def sources(
     design: States,
     catalogue: tuple[EffectSpec, ...],
     area: Literal["one", "per_length"],
-    sized: Scales = STANDARD,
-    uncertainty: Mapping[str, float] = MappingProxyType({}),
+    sized: Scales,
+    uncertainty: Mapping[str, float],
 ) -> tuple[VariationSource, ...]:
     """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, then what the design
     has several of (mountings, repeats, trials). `sized`: the robot's scales; `uncertainty`: tolerance -> standard deviation,
     where it is not the usual one."""
-    chosen = [VariationSource(spec, "effect") for spec in catalogue]
     of_robot = bool((~design.stiffness).any())
-    chosen += [as_stated(source, sized, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
+    chosen = list(ALWAYS if of_robot else ALWAYS[:2])
     if of_robot:
-        scope: Scope = "all" if area == "one" else "spine_length"
-        chosen.append(as_stated(VariationSource(AREA, "calibration", scope), sized, uncertainty))
-        chosen += [as_stated(source, sized, uncertainty) for source in as_drawn(design.pressure.shape[1], uncertainty)]
+        chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
+        chosen += as_drawn(design.pressure.shape[1], uncertainty)
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
     if TURN[0] in design.channels:
-        chosen.append(as_stated(TRACKED_TURN, sized, uncertainty))
+        chosen.append(TRACKED_TURN)
     if design.markers and "marker_shift" in uncertainty:
         by_marker = _each("m", uncertainty["marker_shift"], *(f"m{k}{a}" for k in range(1, design.markers + 1) for a in "xyz"))
         chosen.append(_tolerance("marker_shift", "measurement", Law(after=_marker_shift), *by_marker))
@@ -242,5 +238,6 @@ def sources(
         if np.ptp(with_spine) > VACUUM_SWEEP * design.nominal_vacuum:
             chosen.append(JAMMING)
     if design.stiffness.any():
-        chosen += [*BY_PUSH, *([as_stated(PUSH_PLACE, sized, uncertainty)] if PUSH_PLACE.spec.id in uncertainty else [])]
-    return tuple(chosen)
+        chosen += [*BY_PUSH, *([PUSH_PLACE] if PUSH_PLACE.spec.id in uncertainty else [])]
+    effects = (VariationSource(spec, "effect") for spec in catalogue)
+    return (*effects, *(as_stated(source, sized, uncertainty) for source in chosen))

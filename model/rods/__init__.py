@@ -14,8 +14,8 @@ from model.rods.fast.compiler import drop_stale_kernels
 
 drop_stale_kernels()
 
-from model.rods.description import Form, Rods, blank, rods  # noqa: E402
-from model.rods.fast.derivatives.sensitivity import Sensitivities, sensitivities  # noqa: E402
+from model.rods.description import Form, Rods, rods  # noqa: E402
+from model.rods.fast.derivatives.sensitivity import sensitivities  # noqa: E402
 from model.rods.fast.method import FAST, FINE, Fast  # noqa: E402
 from model.rods.fast.stations import Stations, gauss_points, stations  # noqa: E402
 from model.rods.paper import PAPER, Paper  # noqa: E402
@@ -31,11 +31,9 @@ __all__ = [
     "Method",
     "Paper",
     "Rods",
-    "Sensitivities",
     "Solution",
     "Stations",
     "Status",
-    "blank",
     "gauss_points",
     "rods",
     "sensitivities",

@@ -93,7 +93,7 @@ class Form:
 
 @dataclass(frozen=True)
 class Rods:
-    """n rods and their loads; make one with `rods` or `blank` and write into its fields, then `check` it."""
+    """n rods and their loads; make one with `rods`, or write into its fields and `check` it."""
 
     form: Form
     values: Array
@@ -186,18 +186,14 @@ class Rods:
             raise BadCondition(f"{name}{list(where[1:])} of rod {where[0]}: {value}, {reason} ({int(wrong.sum())} such)")
 
 
-def blank(form: Form, n: int) -> Rods:
-    """n rods with every field zero but v* = (0, 0, 1) and springs along z; stiffness and length are still to come."""
+def rods(form: Form, n: int, **fields: ArrayLike) -> Rods:
+    """n rods from named fields that broadcast to the shapes of `Form.view`, checked; what is not named is zero but
+    v* = (0, 0, 1) and springs, which pull along z."""
     made = Rods(form, np.zeros((n, form.width)))
     made.field("rest_strain")[..., 2] = 1.0
     if form.springs:
         made.field("spring_direction")[..., 2] = 1.0
-    return made
-
-
-def rods(form: Form, n: int, **fields: ArrayLike) -> Rods:
-    """n rods from named fields that broadcast to the shapes of `Form.view`, checked; what is not named is zero."""
-    return _filled(blank(form, n), fields)
+    return _filled(made, fields)
 
 
 def _filled(made: Rods, fields: Mapping[str, ArrayLike]) -> Rods:

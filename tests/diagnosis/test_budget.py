@@ -76,20 +76,19 @@ def test_quantiles_are_weighted() -> None:
     assert b.interval("a", 0.05, 0.15, 0.6) == pytest.approx((1.0, 100.0, 1e4))
 
 
-def test_an_interval_counts_on_a_law_that_is_wrong_by_as_much_as_laws_are() -> None:
+@pytest.mark.parametrize(
+    ("form_error", "of_law", "tolerant", "share"),
+    [(0.03, 1.0, False, 1.0), (0.3, 1.0, False, 1.0), (0.3, 0.1, False, 0.1), (0.3, 0.1, True, 1.0)],
+    ids=["little", "usual", "exact", "exact, where tolerances may hide the error of another law"],
+)
+def test_an_interval_counts_on_a_law_that_is_wrong_by_as_much_as_such_laws_are(
+    form_error: float, of_law: float, tolerant: bool, share: float
+) -> None:
     known, named = np.ones((1, 1)), np.zeros((1, 1), bool)
-    for form_error in (0.03, 0.3):
-        b = Budget(("a",), known, known, np.ones(1), np.array([form_error]), np.zeros(1, bool), {"a": 1.0}, named)
-        low, middle, high = b.interval("a", 0.025, 0.5, 0.975)
-        assert middle == pytest.approx(1.0)
-        assert np.log(high) == pytest.approx(-np.log(low)) and 1.7 < np.log(high) / form_error < 2.0
-
-
-@pytest.mark.parametrize(("tolerant", "share"), [(False, 0.1), (True, 1.0)])
-def test_an_exact_law_is_as_wrong_as_any_where_tolerances_may_hide_the_error_of_another(tolerant: bool, share: float) -> None:
-    known, named = np.ones((1, 1)), np.zeros((1, 1), bool)
-    b = Budget(("a",), known, known, np.ones(1), np.array([0.3]), np.array([tolerant]), {"a": 0.1}, named)
-    assert 1.7 < np.log(b.interval("a", 0.975)[0]) / (0.3 * share) < 2.0
+    b = Budget(("a",), known, known, np.ones(1), np.array([form_error]), np.array([tolerant]), {"a": of_law}, named)
+    low, middle, high = b.interval("a", 0.025, 0.5, 0.975)
+    assert middle == pytest.approx(1.0)
+    assert np.log(high) == pytest.approx(-np.log(low)) and 1.7 < np.log(high) / (form_error * share) < 2.0
 
 
 @pytest.mark.parametrize(

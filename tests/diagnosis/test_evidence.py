@@ -25,10 +25,9 @@ NO_FORM = np.array([0.0])
 ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([1.0]), np.array([0.0]), np.array([1.0]), NO_FORM)
 
 
-def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
-    columns = [RNG.normal(size=(n, k)) for k in (p, q, m)]
-    effects, nuisance, discrepancy = columns
-    return Linear(RNG.normal(size=n), effects, Columns.of(nuisance), discrepancy, 1.7, np.zeros((n, 0)))
+def small_problem() -> Linear:
+    effects, nuisance, discrepancy = (RNG.normal(size=(12, k)) for k in (3, 2, 4))
+    return Linear(RNG.normal(size=12), effects, Columns.of(nuisance), discrepancy, 1.7, np.zeros((12, 0)))
 
 
 def parameters(p: int, lower: float = -np.inf) -> FitParameters:

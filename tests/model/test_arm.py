@@ -157,14 +157,6 @@ def test_a_wrong_description_is_one_clear_error(change: dict[str, Any], message:
     assert message in told and "\n" not in told
 
 
-def test_a_file_that_is_no_arm_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "arm.yaml"
-    for text, message in (("- 1", "holds no table"), ("a: [", "not valid YAML"), ("name: x", "links: Field required")):
-        path.write_text(text)
-        assert raises(BadArm, message, load_arm, path).startswith(str(path))
-    raises(BadArm, "cannot be read", load_arm, tmp_path / "none.yaml")
-
-
 def test_poses_and_parameters_that_make_no_sense_are_refused() -> None:
     model, inputs = ArmModel(UR5), poses(UR5, 2)
     raises(BadEffect, "'sag2' is no parameter of UR5: did you mean sag_2?", model, {"sag2": 1e-3}, inputs)

@@ -1,5 +1,6 @@
 """The robot description: what it accepts, and what it says about what it does not."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,10 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 import lab
+from model.arm import load_arm
 from model.calibration import fit_area_factor
 from model.condition import conditions
-from model.errors import BadRobot
+from model.errors import BadArm, BadRobot
 from model.robot import Robot, load_robot, robot_from_dict
 from tests.simulated.bench import raises
 
@@ -124,14 +126,18 @@ def test_a_replaced_value_is_checked_and_an_area_factor_holds_at_every_spine_len
     assert paper_robot.replace(length=0.42).length == 0.42
 
 
-@pytest.mark.parametrize(
-    ("data", "word"),
-    [(b"- 1\n- 2\n", "no table"), (b"a: [1,\n", "not valid YAML"), (b"name: x\n", "length"), (b"\xff\xfe", "")],
-)
-def test_a_bad_file_is_named(tmp_path: Path, data: bytes, word: str) -> None:
-    path = tmp_path / "robot.yaml"
-    path.write_bytes(data)
-    said = raises(BadRobot, None, load_robot, path)
-    assert str(path) in said and word in said
-    raises(BadRobot, "nowhere.yaml", load_robot, tmp_path / "nowhere.yaml")
-    raises(BadRobot, "not a file", load_robot, tmp_path)
+@pytest.mark.parametrize(("read", "kind", "missing"), [(load_robot, BadRobot, "length"), (load_arm, BadArm, "links")])
+def test_a_bad_file_is_named(tmp_path: Path, read: Callable[[Path], object], kind: type[Exception], missing: str) -> None:
+    path = tmp_path / "own.yaml"
+    bad = {
+        b"- 1\n- 2\n": "holds no table",
+        b"a: [1,\n": "not valid YAML",
+        b"name: x\n": f"{missing}: Field required",
+        b"\xff": "",
+    }
+    for data, words in bad.items():
+        path.write_bytes(data)
+        said = raises(kind, None, read, path)
+        assert said.startswith(str(path)) and words in said
+    raises(kind, "nowhere.yaml: cannot be read", read, tmp_path / "nowhere.yaml")
+    raises(kind, "not a file", read, tmp_path)

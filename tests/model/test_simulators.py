@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from model.condition import States, conditions
-from model.robot import Robot, robot_from_dict
+from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.simulators import Forward, Readings
@@ -38,12 +38,10 @@ def test_the_example_is_up_to_three_millimetres_from_the_rod(paper_robot: Robot)
     assert np.linalg.norm(rod - [0.0, 0.0, 0.4], axis=1).max() > 0.2
 
 
-def test_the_example_knows_tendons_and_tapers(reference_robot: Robot) -> None:
-    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
+def test_the_example_knows_tendons_and_tapers(pulled: Robot) -> None:
     radii = {"outer_radius": (0.05, 0.045), "inner_radius": (0.029, 0.029), "path_radius": (0.04, 0.036)}
     taper = [{"length": 0.2, "youngs_modulus": 7e5}, {"length": 0.2, **radii}]
-    other = {"chambers": None, "tendons": ring, "area_factor": 2.0, "sections": taper}
-    robot = robot_from_dict({**reference_robot.model_dump(), **other})
+    robot = pulled.replace(area_factor=2.0, sections=taper)
     far, rod = apart(robot, conditions(robot, 0.0, np.outer([0.0, 60e3, 120e3], [1.0, 0.0, 0.0]), 0.0))
     assert far.max() < 2e-3
     assert np.linalg.norm(rod[2] - rod[0]) > 0.02

@@ -430,10 +430,8 @@ def test_effects_add_up_and_any_subset_may_be_on() -> None:
 
 
 def test_effects_that_do_not_exist_are_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="unknown effect 'slip'"):
-        VirtualRobot(effects={"slip": 1.0})
-    with pytest.raises(ValueError, match="finite"):
-        VirtualRobot(effects={"base_tilt": float("nan")})
+    raises(ValueError, "unknown effect 'slip'", VirtualRobot, effects={"slip": 1.0})
+    raises(ValueError, "finite", VirtualRobot, effects={"base_tilt": float("nan")})
 
 
 def test_drawn_sizes_stay_within_half_and_one_and_a_half_of_the_scale() -> None:

@@ -22,15 +22,10 @@ ORDERS = ((1, -1), (-1, -1), (-1, 0), (-1, 1), (1, 1))
 """Ways to connect hoses wrongly, as sense and start of counting: turned back, three mirror images, turned on."""
 
 
-def _above(x: np.ndarray, soft: np.ndarray) -> np.ndarray:
-    """What x is above zero, its corner rounded over `soft`."""
-    return np.asarray(0.5 * (x + np.sqrt(x**2 + soft**2)))
-
-
-def slack(p: np.ndarray, band: np.ndarray) -> np.ndarray:
-    """f(p - band) - f(-band): what is left of p after the first `band` of it, its corner rounded."""
-    soft = DEADBAND_SOFTNESS * band
-    return np.asarray(_above(p - band, soft) - _above(-band, soft))
+def slack(p: np.ndarray, band: np.ndarray, soft: np.ndarray) -> np.ndarray:
+    """f(p - band) - f(-band), f(x) = (x + sqrt(x^2 + soft^2)) / 2: what is left of p after the first `band` of it, its corner
+    rounded over `soft`."""
+    return np.asarray(0.5 * (p + np.sqrt((p - band) ** 2 + soft**2) - np.sqrt(band**2 + soft**2)))
 
 
 def _time_offset(q: Quantities, v: Values) -> None:
@@ -75,23 +70,17 @@ def _pressure_deadband(q: Quantities, v: Values) -> None:
     band = v["band"][..., None]
     soft = DEADBAND_SOFTNESS * band
     p = q.pressure
-    taken = slack(p, band)
-    kept = np.maximum(q.design.highest_of_trial - band, 0.0)
-    late = p - _above(p - kept, soft) + _above(-kept, soft)
+    taken = slack(p, band, soft)
+    late = p - slack(p, np.maximum(q.design.highest_of_trial - band, 0.0), soft)
     share = np.where(q.design.unload[:, None], v["play"][..., None], 0.0)
     q.pressure = np.where((p > 0) & (band != 0), taken + share * (late - taken), p)
 
 
 def _chamber_ballooning(q: Quantities, v: Values) -> None:
     power, onset = (x[..., None] for x in (1.25 + v["power"], v["onset"]))
-    # width of the smooth corner
-    soft = 0.5 * onset
-
-    def beyond(p: np.ndarray) -> np.ndarray:
-        return np.maximum(_above(p - onset, soft) - _above(-onset, soft), 0.0)  # rounding may leave it below zero
-
-    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, q.scales.pressure))) ** power
-    q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
+    beyond, most = (slack(p, onset, 0.5 * onset) for p in (np.maximum(q.pressure, 0.0), np.full_like(onset, q.scales.pressure)))
+    grown = np.maximum(beyond, 0.0) / most  # rounding may leave it below zero
+    q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown**power)
 
 
 def orders(azimuths_deg: Sequence[float]) -> Ints:

@@ -7,7 +7,7 @@ import numpy as np
 from model.actuators import PULL_AREA
 from model.arrays import Array
 from model.effects.history import OF_PART, History
-from model.effects.laws.actuation import slack
+from model.effects.laws.actuation import DEADBAND_SOFTNESS, slack
 from model.effects.layout import INNER, OUTER
 from model.effects.quantities import Quantities
 from model.effects.shows import by_tendons
@@ -84,7 +84,7 @@ def _tendon_slack(q: Quantities, v: Values) -> None:
     """What it takes to straighten tendon and guides is lost, rounded as a dead band is."""
     lost = (v["tension"] / PULL_AREA)[..., None]
     if q.robot.tendons is not None and lost.any():
-        q.pressure = np.where((q.pressure > 0) & (lost != 0), slack(q.pressure, lost), q.pressure)
+        q.pressure = np.where((q.pressure > 0) & (lost != 0), slack(q.pressure, lost, DEADBAND_SOFTNESS * lost), q.pressure)
 
 
 SPECS = (

@@ -25,8 +25,6 @@ from model.rods.fast.walk import AT_PLACE, states_at
 from model.rods.solution import AT_LARGEST, AT_MARGIN, AT_RESIDUAL, RESULT, Solution, Status
 from model.rotation import from_vector, to_base
 
-Flags = NDArray[np.int8]
-
 FIRST_STEP, LEAST_STEP = 0.1, 1e-4
 """Share of the load."""
 MOST_TRIES = 300
@@ -34,7 +32,6 @@ ROUNDS, QUICK_ROUNDS = 6, 3
 """The most of a step of load, and those after which the next one may be twice as large."""
 FARTHEST = 0.35
 """rad: a tip that turns by more within one step may have changed branch."""
-FOLLOWED, LOST = 1, 0
 STRAIGHT = 1e-6
 """rad: a rod that bends by less is straight."""
 _NO_STEPS = np.zeros((0, 1), np.int64)
@@ -42,10 +39,10 @@ _NO_STEPS = np.zeros((0, 1), np.int64)
 
 @kernel
 def follow_load(
-    rods: Array, springs: int, settings: tuple[float, float, float], rows: Ints, memory: Array, out: Array, reached: Flags
+    rods: Array, springs: int, settings: tuple[float, float, float], rows: Ints, memory: Array, out: Array, reached: Mask
 ) -> None:
     """Load the rods listed in `rows` from zero and write their rows of `out` and of `memory` (n or 0 rows), from which a solve
-    nearby then starts; `reached[i]` is FOLLOWED or LOST.
+    nearby then starts; `reached[i]` says whether all of its load was followed.
 
     Each step starts from the last equilibrium with a fresh Jacobian, and counts only when the new equilibrium is close by and
     still on the near side of buckling; otherwise it is halved. What cannot be passed that way is a fold or a branching point:
@@ -90,7 +87,7 @@ def follow_load(
         write_result(rod, group.springs, out, row)
         if memory.shape[0] > 0:
             exchange(rod, group.springs, memory, row, True)
-        reached[i] = FOLLOWED if share >= 1.0 else LOST
+        reached[i] = share >= 1.0
 
 
 @inline
@@ -185,7 +182,7 @@ class Fast:
     def _follow(self, rods: Rods, doubtful: NDArray[np.intp], memory: Array, values: Array, status: NDArray[np.int8]) -> None:
         """Settle the rods that the direct solve left open."""
         found = values[doubtful, AT_RESIDUAL] < self.close
-        reached = np.zeros(len(doubtful), np.int8)
+        reached = np.zeros(len(doubtful), np.bool_)
         # Near buckling small errors grow. Rounding lets a rod reach 1e-11 in any case; with a margin below 1e-3 it snaps.
         settings = (2.0 * self.divisions, max(0.01 * self.close, 1e-11), 1e-3)
 
@@ -193,10 +190,9 @@ class Fast:
             follow_load(rods.values, rods.form.springs, settings, doubtful[rows], memory, values, reached[rows])
 
         share_out(part, len(doubtful), self.cores)
-        followed = reached == FOLLOWED
         lost = np.where(found, Status.OTHER_BRANCH, Status.FAILED)
-        status[doubtful] = np.where(followed, Status.SOLVED_IN_STEPS, lost)
-        values[doubtful[~followed], :AT_RESIDUAL] = np.nan
+        status[doubtful] = np.where(reached, Status.SOLVED_IN_STEPS, lost)
+        values[doubtful[~reached], :AT_RESIDUAL] = np.nan
 
 
 def steps_of(rods: Rods, steps: Ints | None) -> Ints:

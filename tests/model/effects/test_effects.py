@@ -9,7 +9,7 @@ import pytest
 
 from model.arrays import Array
 from model.body import body_of
-from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.effects import CATALOGUE
 from model.effects import layout as at
 from model.effects.solver import solve as solve_rows
 from model.robot import Robot, robot_from_dict
@@ -188,13 +188,13 @@ def test_contact_kinks_the_sweep_where_the_plane_stands(sweep: Moved) -> None:
     assert np.abs(at_rest - near).max() > 1e-3
 
 
-def test_a_force_reading_has_bias_arm_and_late_touch(paper_robot: Robot) -> None:
-    y = np.array([0.0, 1e-3, 2e-3, 3e-3, 4e-3])
+def test_a_force_reading_has_bias_arm_and_a_late_touch_that_may_be_a_soft_layer_squeezed_flat(paper_robot: Robot) -> None:
+    y = np.array([0.0, 0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3])
     made = Moved(paper_robot, pushes("spine", [0.1], y), None)
-    stiffness = 3 * 1.323e6 * math.pi / 4 * 0.029**4 / 0.1**3
+    stiffness, layer = 3 * 1.323e6 * math.pi / 4 * 0.029**4 / 0.1**3, 100.0
 
-    def read(name: str, size: float) -> Array:
-        return made.forward.predict(made.vector({name: size}))
+    def read(name: str, size: float, **more: float) -> Array:
+        return made.forward.predict(made.vector({name: size}, **more))
 
     assert read("force_bias.bias", 0.0) == pytest.approx(stiffness * y)
     assert read("force_bias.bias", 0.2) == pytest.approx(stiffness * y + 0.2)
@@ -203,28 +203,15 @@ def test_a_force_reading_has_bias_arm_and_late_touch(paper_robot: Robot) -> None
     assert read("vacuum_leak.lost", 0.36)[-1] < 0.9 * stiffness * y[-1]
     assert read("touch.late[trial=1]", -1e-3) == pytest.approx(stiffness * (y + 1e-3))
     assert read("zero.force[trial=1]", 0.1) == pytest.approx(stiffness * y + 0.1)
-
-
-def test_a_late_touch_may_be_a_soft_layer_that_is_squeezed_flat(paper_robot: Robot) -> None:
-    y = np.array([0.0, 0.5e-3, 1e-3, 2e-3])
-    forward = Moved(paper_robot, pushes("spine", [0.1], y), None).forward
-    theta, stiffness, layer = np.zeros(len(forward.parameters)), 3 * 1.323e6 * math.pi / 4 * 0.029**4 / 0.1**3, 100.0
-    offset, soft = forward.index("contact_offset")
-    theta[soft] = layer
-    assert forward.predict(theta) == pytest.approx(stiffness * y)
-    theta[offset] = 1e-3
-    series = 1 / (1 / stiffness + 1 / layer)
-    assert forward.predict(theta)[:3] == pytest.approx(series * y[:3])
-    assert forward.predict(theta)[3] == pytest.approx(stiffness * 1e-3)
+    assert read("contact_offset.layer", layer) == pytest.approx(stiffness * y)
+    squeezed = np.where(y <= 1e-3, y / (1 / stiffness + 1 / layer), stiffness * (y - 1e-3))
+    assert read("contact_offset.offset", 1e-3, contact_offset__layer=layer) == pytest.approx(squeezed)
 
 
 def test_a_shear_soft_spine_gives_the_papers_table_of_moduli(paper_robot: Robot) -> None:
-    forward = Moved(paper_robot, pushes("spine", sorted(paper_robot.spine.modulus), [1e-3]), None).forward
-    theta = np.zeros(len(forward.parameters))
-    table = forward.predict(theta)
-    theta[forward.index("spine_shear")[0]] = 1.0
-    ratio = np.log(forward.predict(theta) / table)
-    assert np.sqrt(np.mean(ratio**2)) < 0.08
+    made = Moved(paper_robot, pushes("spine", sorted(paper_robot.spine.modulus), [1e-3]), None)
+    table, soft = (made.forward.predict(made.vector(spine_shear__blend=w)) for w in (0.0, 1.0))
+    assert 0 < np.sqrt(np.mean(np.log(soft / table) ** 2)) < 0.08
 
 
 def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(paper_robot: Robot) -> None:
@@ -240,10 +227,8 @@ def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(pap
 
 def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot) -> None:
     tau, rate, hold = 1.5, 25e3, 1.0
-    design = design_from_columns(
-        paper_robot, campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold), ("x", "y", "z")
-    )
-    q = copy.copy(ForwardModel(paper_robot, design)._baseline)
+    forward = Moved(paper_robot, campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold)).forward
+    design, q = forward.design, copy.copy(forward._baseline)
     CATALOGUE["pressure_lag"].law.before(q, {"constant": np.array([[tau]])})  # type: ignore[misc]
     held, last, wanted = 0.0, 0.0, []
     for goal in design.pressure.max(axis=1):

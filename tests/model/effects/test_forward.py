@@ -36,7 +36,7 @@ def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot) -
     robot = paper_robot.replace(markers=[0.1, {"arc_length": 0.25, "offset": [0.036, -0.02]}])
     columns = campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3), roll_deg=30.0)
     columns |= {f"m{k}{axis}": np.zeros(len(columns["t"])) for k in (1, 2) for axis in "xyz"}
-    forward = ForwardModel(robot, design_from_columns(robot, columns))
+    forward = Moved(robot, columns, None).forward
     theta = at_some_values(forward, seed=3)
     theta[forward.index("contact")] = 0.0
     _, jacobian = forward.linearise(theta)
@@ -53,8 +53,7 @@ def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot) -
 
 
 def test_where_all_effects_are_absent_derivatives_are_those_towards_each_of_them(paper_robot: Robot) -> None:
-    design = design_from_columns(paper_robot, campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3)))
-    forward = ForwardModel(paper_robot, design)
+    forward = Moved(paper_robot, campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3)), None).forward
     for theta in (np.zeros(len(forward.parameters)), at_some_values(forward, seed=5)):
         sizes = [k for k, p in enumerate(forward.parameters) if p.role == "size" and p.group == "effect"]
         theta[sizes] = 0.0
@@ -72,8 +71,7 @@ def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(paper_ro
     robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.1, 0.25)})
     columns = campaign(lengths=(0.0, 0.2), levels=(80e3, 160e3))
     columns |= {f"m{k}{axis}": np.zeros(10) for k in (1, 2) for axis in "xyz"}
-    design = design_from_columns(robot, columns)
-    forward = ForwardModel(robot, design)
+    forward = Moved(robot, columns, None).forward
     theta = at_some_values(forward, seed=5, share=0.2)
     y = forward.predict(theta)
     rows, channels = forward.observations.row, forward.observations.channel
@@ -98,10 +96,10 @@ def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Rob
     robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.12, 0.2, 0.4)})
     columns = campaign(lengths=(0.2,), levels=(150e3,), unload=False)
     columns |= {f"m{k}{axis}": np.zeros(2) for k in (1, 2, 3) for axis in "xyz"}
-    design = design_from_columns(robot, columns)
-    forward = ForwardModel(robot, design, area="per_length")
+    forward = Moved(robot, columns, None, area="per_length").forward
     y = forward.predict(np.zeros(len(forward.parameters)))
-    true = solved(robot, conditions(robot, design.spine_length, design.pressure), robot.markers).trusted()
+    states = conditions(robot, forward.design.spine_length, forward.design.pressure)
+    true = solved(robot, states, robot.markers).trusted()
     by_label = dict(zip(zip(forward.observations.row, forward.observations.channel, strict=True), y, strict=True))
     for k in range(3):
         expected = true.shape[1, k]
@@ -112,9 +110,7 @@ def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Rob
 
 
 def test_parameters_of_a_trial_reach_its_own_rows_only(paper_robot: Robot) -> None:
-    forward = ForwardModel(
-        paper_robot, design_from_columns(paper_robot, campaign(lengths=(0.0, 0.1, 0.2), levels=(100e3,))), "per_length"
-    )
+    forward = Moved(paper_robot, campaign(lengths=(0.0, 0.1, 0.2), levels=(100e3,)), None, area="per_length").forward
     _, jacobian = forward.linearise(np.zeros(len(forward.parameters)))
     names = [p.name for p in forward.parameters]
     trial = forward.design.trial_id[forward.design.trial][forward.observations.row]
@@ -142,7 +138,7 @@ def test_a_table_that_does_not_fit_is_refused_by_column(paper_robot: Robot, chan
 
 
 def test_parameters_beyond_their_bounds_are_refused_by_name(paper_robot: Robot) -> None:
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, campaign(lengths=(0.1,), levels=(60e3,))))
+    forward = Moved(paper_robot, campaign(lengths=(0.1,), levels=(60e3,))).forward
     theta = np.zeros(len(forward.parameters))
     theta[forward.index("vacuum_leak")[0]] = -0.1
     raises(BadCondition, r"vacuum_leak\.lost", forward.predict, theta)
@@ -151,7 +147,7 @@ def test_parameters_beyond_their_bounds_are_refused_by_name(paper_robot: Robot) 
 
 def test_a_table_of_stiffness_trials_alone_needs_no_pressures(paper_robot: Robot) -> None:
     columns = pushes("body", [0.0, 0.2], [0.0, 2e-3, 4e-3])
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    forward = Moved(paper_robot, columns, None).forward
     y, jacobian = forward.linearise(np.zeros(len(forward.parameters)))
     # Bending and shear in series; the weight holds the body up beside them, 3/8 of it over the length.
     second, long = body_of(paper_robot).mean_second, paper_robot.length

@@ -36,8 +36,7 @@ def history(robot: Robot, columns: Any, inner: Any, outer: Any = 0.0) -> History
 def test_between_readings_the_drive_stays_ramps_and_stays(paper_robot: Robot) -> None:
     columns = campaign(lengths=(0.1,), levels=(50e3, 100e3), unload=False, rate=25e3, hold=3.0)
     columns["t"] = columns["t"] + np.array([0.0, 4.0, 4.0])
-    design, rest_of = with_rest(design_from_columns(paper_robot, columns))
-    path = loading_path(design, rest_of)
+    path = history(paper_robot, columns, 0.0).path
     assert path.before.tolist() == [0, 0, 1]
     assert path.ramp.tolist() == [0.0, 2.0, 2.0]
     assert path.hold.tolist() == [3.0, 3.0, 3.0]
