@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import comb, exp, inf, log
 
 import numpy as np
@@ -76,6 +76,8 @@ class Related:
     log_evidence: float
     sizes: tuple[tuple[float, float], ...] = ()
     """Mean and standard deviation of each of its parameters, where it was fitted."""
+    tense: Mapping[int, float] = field(default_factory=dict)
+    """Numbers that its fit moves far beyond their tolerance (`FitParameters.tense`)."""
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
