@@ -322,8 +322,7 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
             prior, most = 0.3 if mapped is not None and mapped.unit == "" else 0.03, float(highest.max())
             yield Edit("pressures", prior, partial(_all_say, mapped, most), partial(_gain, columns, 1.0), starts, (bounds,))
-    roll = np.abs(sample.table.get("roll_deg", 0.0))
-    if 0 < roll.max() < 2 * np.pi + 0.01:
+    if 0 < np.abs(sample.table.get("roll_deg", 0.0)).max() < 2 * np.pi + 0.01:
         yield Edit("roll", 0.03, stating("roll_in_rad", "column roll_deg"), lambda v, _: replace(v, roll=np.degrees(v.roll)))
 
 

@@ -244,11 +244,10 @@ def _counted(headings: Sequence[Heading]) -> list[Triple]:
     for h in headings:
         if h.words and h.words[-1].isdigit() and set(h.words) & PLACE_WORDS:
             groups.setdefault(h.words[:-1], []).append(h)
-    numbered = [("1", "2", "3"), ("0", "1", "2")]
     return [
         Triple((of[0].name, of[1].name, of[2].name), frozenset(words), of[0].unit or of[0].stated)
         for words, of in groups.items()
-        if tuple(h.words[-1] for h in of) in numbered
+        if tuple(h.words[-1] for h in of) in [("1", "2", "3"), ("0", "1", "2")]
     ]
 
 

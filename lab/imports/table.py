@@ -127,8 +127,7 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
 
 def _counted(path: Path) -> list[tuple[int, str]]:
     """A key by which run2 comes before run10."""
-    parts = re.split(r"(\d+)", path.name.casefold())
-    return [(int(part[:18]), "") if part.isdecimal() else (0, part) for part in parts]
+    return [(int(part[:18]), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", path.name.casefold())]
 
 
 def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
@@ -247,8 +246,7 @@ def conclude(
     rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     found = list(jumps(states, float(straight[2]), robot.actuators.words))
     notes += _jump_notes(found, places)
-    contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
-    states, kept_states = without(contradicted, states)
+    states, kept_states = without([(j.state, body) for j in found if j.against for body in j.bodies], states)
     rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
@@ -452,8 +450,7 @@ def _mounted(
     shift = np.mean(tip - table.tip[resting], axis=0)
     markers, marker_shift = table.markers, np.zeros(table.markers.shape[1:])
     both = min(len(marker_shift), places.shape[1])  # of the file and of robot.yaml
-    offset = places[:, :both] - markers[resting, :both]
-    marker_shift[:both] = np.ma.masked_invalid(offset).mean(axis=0).filled(0.0)
+    marker_shift[:both] = np.ma.masked_invalid(places[:, :both] - markers[resting, :both]).mean(axis=0).filled(0.0)
     return _placed(table, table.tip + shift, markers + marker_shift)
 
 

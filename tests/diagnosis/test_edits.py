@@ -137,14 +137,12 @@ def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighe
 
 
 def test_chambers_in_another_order_are_named_and_those_in_order_are_no_hypothesis(case: Measured) -> None:
-    known = ("chamber_order", "chamber_azimuth")
-    options = replace(quick(), catalogue={id: CATALOGUE[id] for id in known})
+    options = replace(quick(), catalogue={id: CATALOGUE[id] for id in ("chamber_order", "chamber_azimuth")})
     found = diagnose(exchanged(case, 1), options)
     assert found.attribute.verdict == "effect" and found.attribute.effects[0] == "chamber_order"
     assert all(r.effects[0] == "chamber_order" for r in found.attribute.ranking)
     assert "order" in found.detail["first_calibration"] and "receive the pressures of" in found.statement
-    usual = diagnose(by_groups(case, ROBOT), options)
-    assert not any("chamber_order" in r.effects for r in usual.attribute.ranking)
+    assert not any("chamber_order" in r.effects for r in diagnose(by_groups(case, ROBOT), options).attribute.ranking)
 
 
 def test_an_order_that_was_found_is_written_into_the_robot(case: Measured) -> None:

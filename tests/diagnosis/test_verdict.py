@@ -116,8 +116,7 @@ def test_each_conclusion_has_its_sentences(found: Diagnosis, conclusion: str, to
 
 
 def test_what_calibration_changed_is_part_of_the_statement() -> None:
-    steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 25.2, steps)
+    gap = Waterfall("leave one trial out", 40, 25.2, (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),))
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(0.88, 1.0))
     text = statement(found)
     assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
@@ -171,13 +170,11 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
 
 
 def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:
-    steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 42.0, steps)
+    gap = Waterfall("leave one trial out", 40, 42.0, (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),))
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(1.0, 1.0))
     found = replace(found, detail={**found.detail, "first_calibration": {"adjusted": [{"code": "refitted"}]}})
     assert statement(found).startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above")
-    a = attribute("none", "noise", p=0.9)
-    said = line(a, by_calibration=1.0, calibrated="azimuth of the first chamber")
+    said = line(attribute("none", "noise", p=0.9), by_calibration=1.0, calibrated="azimuth of the first chamber")
     assert said == "Calibration closes 100 % of the gap (azimuth of the first chamber); no other cause is needed (p = 0.90)."
     assert len(said.split()) <= 20
 
@@ -452,8 +449,7 @@ def test_a_simulator_that_does_what_nobody_measures_has_the_gap() -> None:
 def attribute(
     verdict: Verdict, conclusion: Conclusion, sizes: dict[str, Value] | None = None, *effects: str, p: float = 0.96
 ) -> Attribute:
-    ranking = (Ranked(effects, p, 10.0, None, sizes or {}),)
-    return Attribute(verdict, effects, p, ranking=ranking, conclusion=conclusion)
+    return Attribute(verdict, effects, p, ranking=(Ranked(effects, p, 10.0, None, sizes or {}),), conclusion=conclusion)
 
 
 def line(a: Attribute, closed: float | None = None, words: Words = Chambers.words, **known: Any) -> str:
@@ -529,8 +525,7 @@ def test_where_most_of_the_gap_lies_is_said_where_no_known_cause_fits() -> None:
 
 def tied(effect: str, sizes: dict[str, Value], p: float, other: str, q: float, found: dict[str, Value]) -> str:
     a = attribute("effect", "one of several", sizes, effect, p=p)
-    second = Ranked((other,) if other else (), q, 9.0, None, found)
-    return line(replace(a, ranking=(*a.ranking, second)))
+    return line(replace(a, ranking=(*a.ranking, Ranked((other,) if other else (), q, 9.0, None, found))))
 
 
 def test_no_more_is_said_of_several_causes_than_their_names() -> None:

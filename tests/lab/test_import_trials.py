@@ -139,8 +139,7 @@ def test_a_table_that_never_rests_has_the_trials_of_its_columns(tmp_path: Path) 
 def test_trials_that_follow_each_other_at_rest_are_kept(tmp_path: Path) -> None:
     levels = (0, 350, 0, 0, 0, 0)
     content = table(levels, lambda s, r, g, i, k: (str(10 * s + max(i - 1, 1)),), ("run",), repeats=1, groups=((1,), (2,)))
-    made = by_map(tmp_path, content, trials={"change": ["run"]})
-    assert lengths(made) == [3, 1, 1, 1, 3, 1, 1, 1]
+    assert lengths(by_map(tmp_path, content, trials={"change": ["run"]})) == [3, 1, 1, 1, 3, 1, 1, 1]
 
 
 def test_what_a_gauge_reads_at_rest_is_asked_about_unless_the_map_states_its_zero(tmp_path: Path) -> None:

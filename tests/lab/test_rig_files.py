@@ -380,8 +380,7 @@ def test_a_table_that_becomes_a_number_stays_as_a_comment() -> None:
         "#     0.2: 1.45              # calliper",
     ]
     assert robot_of(text) == robot
-    back = robot_yaml(robot_of(ARM), text)
-    assert lines(text, back) == (["area_factor: 1.31"], ["area_factor: {0.0: 1.2, 0.2: 1.45}"])
+    assert lines(text, robot_yaml(robot_of(ARM), text)) == (["area_factor: 1.31"], ["area_factor: {0.0: 1.2, 0.2: 1.45}"])
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
