@@ -19,7 +19,7 @@ from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
 from model.section import body_mass
-from recordings.trials import TIP, Mapped, Table
+from recordings.trials import NO_MOUNT, TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
@@ -276,7 +276,14 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
 def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
     """Remedies and the resulting orientations (.., 4), the simplest first."""
     base = scipy.spatial.transform.Rotation.from_matrix((mapped or Mapped()).axes)
-    yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
+    onto, mount = base.as_quat(scalar_first=True), np.array((mapped or Mapped()).mount or NO_MOUNT)
+    after = multiply(onto * CONJUGATE, mount / np.linalg.norm(mount))
+
+    def reordered(held: list[int], read: Array) -> Array:
+        return _framed(onto, after, _framed(onto * CONJUGATE, after * CONJUGATE, read)[..., held])
+
+    for order, held in {"xyzw": [3, 0, 1, 2], "wxyz": [1, 2, 3, 0]}.items():
+        yield remedies.of_order(order, mapped), partial(reordered, held)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     of_axes = (turns := scipy.spatial.transform.Rotation.create_group("O")), base.inv() * turns * base
     for turn, of_file in zip(*(q.as_quat(canonical=True, scalar_first=True) for q in of_axes), strict=True):
