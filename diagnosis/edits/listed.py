@@ -17,7 +17,7 @@ import scipy
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.errors import ModelError
 from model.robot import Robot
-from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
+from model.rotation import CONJUGATE, from_vector, multiply, to_base, turn_onto
 from model.section import body_mass
 from recordings.trials import NO_MOUNT, TIP, Mapped, Table
 
@@ -37,6 +37,8 @@ SMALL, LARGE = 20e3, 500e3
 """Pa: soft robots hold more than the first in a larger unit than Pa, and less than the second."""
 EFFECT = 6.0
 """Prior standard deviations of a parameter within which an effect competes."""
+RIGHT = np.pi / 2
+"""rad by which gravity's direction may be off: farther, its sign or its axis is."""
 AXES = np.eye(3)
 FRAMES = [np.diag(signs) @ AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 """Each way in which axes of a file can be those of the base."""
@@ -71,9 +73,12 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         if min(np.linalg.norm(down - other) for other in known) > 0.1 * size:
             known.append(down)
             yield Edit("gravity", prior, gravity_says(robot, down), partial(gravity_along, down))
-    around = tuple((float(a), float(b)) for a, b in np.radians([(0, 0), (15, 0), (-15, 0), (0, 15), (0, -15)]))
-    yield Edit("gravity", 0.01, _tilted, starts=around, widens={number: np.radians(25) for number in (3, 4)})
-    yield Edit("tilt", 0.03, _tilt_says, _tilt, around[1:], ((-0.9, 0.9),) * 2)
+    around = tuple((float(a), float(b)) for a, b in np.radians([(15, 0), (-15, 0), (0, 15), (0, -15)]))
+    anywhere = tuple((times * a, times * b) for times in (1, 4) for a, b in around)
+    across = scipy.linalg.null_space(given[None]).T[:2]  # of no gravity any
+    apply, within = lambda v, own: v.with_gravity_turned(from_vector(own @ across)), ((-RIGHT, RIGHT),) * 2
+    yield Edit("gravity", 0.01, partial(_gravity_says, across), apply, anywhere, within)
+    yield Edit("tilt", 0.03, _tilt_says, _tilt, around, ((-0.9, 0.9),) * 2)
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
@@ -83,16 +88,11 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         yield Edit(f"arc {k}", 0.03 / len(arcs), partial(_arc, k), moved, starts, bounds)
 
 
-def _refitted(name: str, given: float, found: float, unit: str, limit: bool = False, short: str = "") -> list[Mistake]:
-    reached = ", the limit of the fit: another number is wrong too" * limit
-    return [mistake("refitted", short or name, name=name, given=given, found=found, unit=unit, limit=reached)]
-
-
 def _stiffness(name: str, size: float, unit: str, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     change, given = float(own[0] if own.size else theta[MODULUS]), getattr(robot, name) / size
-    limit = abs(change) > judgement.EDIT_AT_BOUND * WIDEST
-    said = _refitted(name, given, given * float(np.exp(change)), unit, limit)
-    return said if abs(change) > judgement.EDIT_USUAL[MODULUS] else []
+    limit = ", the limit of the fit: another number is wrong too" * (abs(change) > judgement.EDIT_AT_BOUND * WIDEST)
+    said = mistake("refitted", name, name=name, given=given, found=given * float(np.exp(change)), unit=unit, limit=limit)
+    return [said] if abs(change) > judgement.EDIT_USUAL[MODULUS] else []
 
 
 def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -130,16 +130,15 @@ def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0
     return replace(v, gravity=np.broadcast_to(down, v.gravity.shape), tip=v.tip + tip, markers=v.markers + markers)
 
 
-def gravity_says(robot: Robot, down: Array) -> Says:
+def gravity_says(robot: Robot, down: Array, short: str = "gravity") -> Says:
     """State that gravity points along `down` (m/s^2)."""
-    return stating("gravity_elsewhere", "gravity", found=listed(down), given=listed(robot.gravity))
+    return stating("gravity_elsewhere", short, found=listed(down), given=listed(robot.gravity))
 
 
-def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
-    limit = bool(np.abs(theta[GRAVITY]).max() > judgement.EDIT_AT_BOUND * np.radians(25))
-    said = _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
-    return said if (np.abs(theta[GRAVITY]) > judgement.EDIT_USUAL[GRAVITY]).any() else []
+def _gravity_says(across: Array, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
+    down = to_base(from_vector(own @ across), np.array(robot.gravity))
+    turned = np.linalg.norm(own) > judgement.EDIT_USUAL[GRAVITY].max()
+    return gravity_says(robot, down, "direction of gravity")(robot, theta, own) if turned else ()
 
 
 def _tilt(v: Variants, own: Array) -> Variants:

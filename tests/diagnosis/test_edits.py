@@ -1,5 +1,6 @@
 """Mistakes in robot.yaml or the table that make the rod far worse are named before the diagnosis; a right description stays."""
 
+import json
 import re
 from dataclasses import replace
 from typing import Any
@@ -384,6 +385,14 @@ def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_fro
     assert (change.code, change.values["found"]) == ("gravity_elsewhere", found)
     assert f"gravity {found}" in change.text and judged.probability("gravity") > 0.99
     assert np.abs(judged.chosen.missed).max() < 0.05 * HANGING.length
+
+
+@pytest.mark.parametrize(("robot", "told"), [(FINGER, (0, 0, 9.81)), (HANGING, (0, 0, 9.81)), (HANGING, (-9.81, 0, 0))])
+def test_gravity_along_no_axis_is_offered_along_no_axis(robot: Robot, told: tuple[float, ...]) -> None:
+    true = np.array([-7.51, 0.0, 6.31])
+    (change, *_) = edit_first(robot.replace(gravity=told), campaign(read(robot.replace(gravity=true)))).changes
+    found = np.array(json.loads(change.values["found"]))
+    assert change.code == "gravity_elsewhere" and found @ true > np.cos(np.radians(6)) * 9.81**2, change.text
 
 
 def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:
