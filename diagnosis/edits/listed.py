@@ -224,8 +224,8 @@ def axes_say(axes: Array, mapped: Mapped | None, turn: scipy.spatial.transform.R
     back = (turn or scipy.spatial.transform.Rotation.from_matrix(handed * axes)).inv().as_rotvec()
     angle = float(np.linalg.norm(back))
     nearest = max(FRAMES, key=lambda m: float(np.sum(m * axes)))
-    aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0))
-    remedy, short = remedies.of_frame(nearest, mapped) if aligned else "correct the cameras' axes", "the cameras' frame"
+    aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0)) and not np.array_equal(nearest, np.eye(3))
+    remedy, short = remedies.of_frame(nearest if aligned else axes, mapped), "the cameras' frame"
     if handed < 0:
         return stating("frame_mirrored", short, remedy=remedy)
     return stating("frame_turned", short, angle=float(np.degrees(angle)), about=listed(back / max(angle, 1e-12)), remedy=remedy)

@@ -320,6 +320,8 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "frame turned": (lambda r: (r, read(r, turn=Rotation.from_euler("x", 90, degrees=True))), ("turned by 90 deg about",)),
     "frame turned about the axis": (lambda r: (r, read(r, turn=Rotation.from_euler("z", 90, degrees=True))),
                                     ("frame is turned by 90 deg about [0, 0, 1]",)),
+    "frame turned a little": (lambda _: (FINGER, read(FINGER, turn=Rotation.from_euler("z", 9, degrees=True))),
+                              ("frame is turned by 9 deg about [0, 0, 1]", "hold what is now [0.988, 0.15")),
     "base tilted": (lambda r: (r, read(r.replace(gravity=TILT.inv().apply(r.gravity)), turn=TILT)),
                     ("tilted by", "20 deg about y")),
     "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
