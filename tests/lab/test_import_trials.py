@@ -218,6 +218,12 @@ def test_repeats_that_are_the_same_for_trials_alike_are_asked_about(tmp_path: Pa
     content = table(TWO_RESTS, lambda s, r, g, i, k: ("1", str(50 * r)), ("Wiederholung", "Haken [g]"))
     made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})
     assert any("column 'Haken [g]' differs between them and is not used: map it, e.g. as tip_mass" in n for n in made.notes)
+    (said,) = [n for n in made.notes if "'Haken [g]' is not used" in n]
+    assert "if it loads the tip, write `tip_mass: {column: Haken [g], unit: g}` under columns" in said
+    for heading, cell, key in (("push [N]", "0.5", "write `force_z: "), ("weight_g", "0", ""), ("scale_g", "{k}", "")):
+        content = table(TWO_RESTS, lambda s, r, g, i, k, cell=cell: (cell.format(k=k),), (heading,))  # type: ignore[misc]
+        notes = by_map(tmp_path, content, trials={"begin": "rest"}).notes
+        assert [key in n for n in notes if "is not used" in n] == [True] * bool(key), notes
 
 
 def test_a_trial_column_says_where_trials_begin_and_a_change_under_pressure_is_noted(tmp_path: Path) -> None:
