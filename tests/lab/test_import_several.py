@@ -19,7 +19,7 @@ import lab
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from diagnosis.data.case import campaign_of
 from lab.files.config import ConfigError, load
-from lab.files.jumps import believed, strays
+from lab.files.jumps import believed, copies, strays
 from lab.imports.proposal import Guess
 from lab.imports.table import Imported
 from lab.verbs.import_data import grouped
@@ -265,6 +265,10 @@ def test_copies_count_once_and_repeats_that_nothing_scatters_are_none(scatters: 
         read = lab.case(Table.joined([replace(table, warnings=())] * 2).to_frame(), ROBOT).table
     assert len(read) == (1 if scatters else 2) * STATES
     assert any("repeats trial 1 step 1 to trial 6 step 5 to the last digit" in str(w.message) for w in said) == scatters
+    still = table.replaced({n: np.where(np.arange(STATES) == 7, np.roll(table[n], 1), table[n]) for n in digits if n[0] != "p"})
+    every = np.arange(2 * STATES)
+    left_out = [row for rows, _ in copies(campaign_of(Table.joined([still] * 2), every, every[:0])) for row in rows.tolist()]
+    assert left_out == [*range(STATES, 2 * STATES)] * scatters  # a tracker that stands still and its copy, too
 
 
 @pytest.mark.parametrize(
