@@ -66,8 +66,9 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
         ),
         (("--tendons", 4, "--length", "9 cm", "--chamber-radius", "4 mm"), "--chamber-radius 4 mm: is of chambers"),
         (("--chambers", 3, "--length", "9 cm", "--instruments", "mocap"), "--instruments mocap: needs --rig"),
+        (("--chambers", 3, "--length", "9 cm", "--rig", tmp_path / "rig"), r"rig: must end in \.yaml: write .*rig\.yaml$"),
     ):
-        assert re.search(said, cli("init", *given, "--out", tmp_path / "b", code=2).flat_err)
+        assert re.search(said, cli("init", *given, "--out", tmp_path / "b.yaml", code=2).flat_err)
 
 
 @pytest.mark.parametrize("instruments", ["pressure,mocap", "pressure=smc_itv", "pressure,arm=ur5,force=ft300s", "spine=tmcl"])
