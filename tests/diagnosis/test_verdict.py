@@ -423,6 +423,8 @@ def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_e
     changed = changed_by(replace(NOTHING, calibration=found))
     assert changed == "a body 25 % stiffer or tip payload +117 g"
     assert changed_by(replace(NOTHING, calibration=replace(found, alike=found.alike[1:]))) == "a body 25 % stiffer"
+    creeping = replace(NOTHING, calibration=replace(found, alike=()), attribute=attribute("effect", "cause", {}, "viscoelastic"))
+    assert changed_by(creeping) == "a body 25 % stiffer before it creeps"
     for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
         said = line(which, by_calibration=1.0, calibrated=changed, alone=True)
         assert (f"({changed})" in said or f"gap: {changed} (p" in said) and len(said.split()) <= MOST_WORDS
@@ -492,6 +494,7 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     assert two == "Most likely friction of the tendons, difference between the areas of the chambers (p = 0.96)."
     vain = line(attribute("effect", "one of several", {}, "tether", p=0.77), closed=0.02)
     assert vain.startswith("Unclear: no effect closes the gap; the closest is") and vain.endswith("(p = 0.77).")
+    assert StageError("load", "experiment", 20.0).varies.startswith("varies with the kind of trial (which {actuators} act")
     asking = (StageError("material", "spine_length", 20.0),)
     unknown = line(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking))
     assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")
