@@ -68,8 +68,7 @@ def compare_campaigns(
     measured, n = np.concatenate([first.observed, second.observed]), len(first.observed)
     joined = Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))
     w = weighed(joined, [replace(part, rows=part.rows + n) for part in parts(after)], executor)
-    excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
-    odds = odds_unnamed(w.best.weighed.law_error_gain, excess_scatter)
+    odds = odds_unnamed(w.best.weighed.law_error_gain, max(p.noise_components.excess_scatter for p in (before, after)))
     ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
     named, parameters = ranked.ranking[0][0], w.search.problem.parameters
     of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]

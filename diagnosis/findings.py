@@ -145,8 +145,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "cause_impossible": "the cause is not certain: the fitted size of {effect} is physically impossible",
         "cause_undetermined": (
-            "the cause is not certain: over all hypotheses {effect} moves the tip by {low_mm:.2f} mm at the lower end of its "
-            "95 % interval, less than the noise floor of {floor_mm:.2f} mm"
+            "the cause is not certain: the data do not exclude that {effect} moves the tip by only {low_mm:.2f} mm (lower end of "
+            "its 95 % interval over all hypotheses; the noise floor is {floor_mm:.2f} mm)"
         ),
         "cause_hidden_at_rest": (
             "the cause is not certain: {others} would look nearly the same, as `straight: {straight}` hides where the robot rests"

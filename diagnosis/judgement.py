@@ -124,6 +124,8 @@ EDIT_NONE = 0.5
 """Prior share of descriptions that need no edit."""
 EDIT_STATED = 0.05
 """Probability from which another edit is stated beside the one that is made."""
+EDIT_AS_WELL = 0.9
+"""Robust rms over that of the most probable edit below which another of the same kind is made: one number fits no better."""
 EDIT_OF_MOVED, EDIT_LEAST, EDIT_GROSS = 0.25, 0.003, 0.02
 """Share of the tip's movement, and its least and largest value in robot lengths, that robust rms, calibrated, must exceed for
 edits to be tried at reading: the rest is left to the diagnosis."""

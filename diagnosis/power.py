@@ -82,8 +82,7 @@ class Planned:
 
     def floors(self, white: Array) -> float:
         """Noise floors that a whitened response (n,) carries after calibration."""
-        done = self.problem.noise.colour(white)[:, None]
-        left = after_calibration(self.problem, self.where, self._slope, done)
+        left = after_calibration(self.problem, self.where, self._slope, self.problem.noise.colour(white)[:, None])
         return max(float(np.sqrt((x**2).sum() / part.states)) / part.floor for x, part in zip(left, self.where, strict=True))
 
     def form_errors(self, named: Hypothesis) -> Array:

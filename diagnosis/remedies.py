@@ -64,6 +64,13 @@ def of_mount(turn: Array, mapped: Mapped | None) -> str:
     return f"write `mount: {listed(made / np.linalg.norm(made), 3)}` {where}"
 
 
+def of_order(order: str, mapped: Mapped | None) -> str:
+    """Say what makes quaternions those whose columns hold this order; without a map they are named w, x, y, z."""
+    if mapped is None:
+        return f"they hold {', '.join(order if order == 'xyzw' else 'zwxy')}: exchange the columns"
+    return _write("orientation", f'{{"order": "{order}", ..}}' if mapped.call else f"{{order: {order}, ..}}", mapped)
+
+
 def of_origin(mapped: Mapped | None, by: Array | None = None, near: float = 0.0) -> str:
     """Say what brings the origin of the positions to the base, which, where it is known, lies at `by` (3,) +- `near` m."""
     if mapped is None:

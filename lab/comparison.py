@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.arrays import rms
 from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import states
 from diagnosis.data.levels import PRESSURE_GAP, levels
@@ -20,7 +21,7 @@ from model.compare import ErrorTable, error_table
 from model.condition import States
 from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
-from model.robot import Robot
+from model.robot import THRUST, Robot
 from model.shown import Shown, by_axis
 
 from .files.inputs import Case, marked_notes
@@ -90,11 +91,24 @@ def comparison(case: Case, effects: Path | None = None) -> Comparison:
     places = zip(own.trials.markers[ok].swapaxes(0, 1), prediction.shape[ok].swapaxes(0, 1), strict=False)
     off = ((k, np.linalg.norm(seen - modelled, axis=1)) for k, (seen, modelled) in enumerate(places, 1))
     markers = {f"m{k}": float(np.sqrt(np.nanmean(away**2))) for k, away in off if np.isfinite(away).any()}
-    notes = (*case.table.warnings, *marked_notes(case.table), *_far_off(case.robot, own, table.rmse))
+    far_off = [*_other_thrust(case, effects, table.rmse)] or _far_off(case.robot, own, table.rmse)
+    notes = (*case.table.warnings, *marked_notes(case.table), *far_off)
     return Comparison(
         condition[ok], measured[ok], tip[ok], own.trials["branch"][ok], own.trials["protocol"][ok], table,
         markers, int((~ok).sum()), case.robot.actuators.words, notes,
     )  # fmt: skip
+
+
+def _other_thrust(case: Case, effects: Path | None, missed: float) -> Iterator[str]:
+    """A line if the other kind of thrust, with nothing else changed, leaves far less than `missed` (m)."""
+    robot, other = case.robot, "cap" if case.robot.thrust == "walls" else "walls"
+    if robot.chambers is None or THRUST in robot.effects or missed < SET_UP * robot.length:
+        return
+    own, prediction = expected(replace(case, robot=robot.replace(thrust=other)), effects)
+    left = rms(np.where(prediction.converged[:, None], prediction.tip - own.tip, robot.length))
+    if MANY * left < missed:
+        by = f"{1e3 * missed:.3g} mm rms, with `thrust: {other}` and nothing else changed by {1e3 * left:.3g} mm"
+        yield f"the model misses the tip by {by}: write `thrust: {other}` in robot.yaml"
 
 
 def _far_off(robot: Robot, own: Campaign, missed: float) -> Iterator[str]:

@@ -430,8 +430,7 @@ def test_close_leaves_the_port_to_others(unit: DriverOnFake) -> None:
 
 def handles(port: str) -> int:
     """How often this process has a port open; 0 where the system does not tell."""
-    open_now = Path("/proc/self/fd").glob("*") if port else ()
-    return sum(handle.resolve() == Path(port).resolve() for handle in open_now)
+    return sum(handle.resolve() == Path(port).resolve() for handle in (Path("/proc/self/fd").glob("*") if port else ()))
 
 
 @units(*STREAMS)

@@ -111,8 +111,7 @@ def mujoco_model(
                 raise BadCase(f"{kind} {name!r}, {where}: the model states no value; write it into the XML")
             key = ".".join(part for part in (name, where) if part)
             places[key] = place
-            limits = bounds or ((0.0, None) if parts[1] in NEVER_NEGATIVE else ())
-            out[key] = (nominal, size, unit, *limits)
+            out[key] = (nominal, size, unit, *(bounds or ((0.0, None) if parts[1] in NEVER_NEGATIVE else ())))
         return out
 
     made = tuple(Cause(cause, quantities(stated)) for cause, stated in causes.items())

@@ -179,10 +179,9 @@ def propose(f: Attribution, rivals: Rivals, executor: Executor = SINGLE_THREAD) 
     menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
     possible = frozenset(" + ".join(h) or "none" for h, share in f.posterior.ranking if share > RIVAL_WORTH_SEPARATING)
     proposals = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
-    by_rig = p.robot.actuators.words.by_rig
 
     def worth(x: Proposal) -> float:
-        return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if by_rig else x.expected_bits
+        return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if p.robot.actuators.words.by_rig else x.expected_bits
 
     within = 1 - f.decision.outside if f.decision.verdict == "unknown" and f.decision.relatives else 1.0
     told = [replace(x, expected_bits=round(within * x.expected_bits, 3)) for x in proposals if x is not None]

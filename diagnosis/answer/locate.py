@@ -123,8 +123,7 @@ def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.
     names, index = np.unique(trial, return_inverse=True)
     total, count = np.bincount(index, (missed**2).sum(axis=1)), np.bincount(index)
     drawn = rng.integers(0, len(names), (400, len(names)))
-    spread = np.sqrt(total[drawn].sum(axis=1) / count[drawn].sum(axis=1))
-    low, high = np.quantile(spread, [0.025, 0.975])
+    low, high = np.quantile(np.sqrt(total[drawn].sum(axis=1) / count[drawn].sum(axis=1)), [0.025, 0.975])
     # Readings of a trial erring together leave as many independent vectors as there are trials.
     freedom = missed.shape[1] * len(names)
     probability = float(chdtrc(freedom, freedom * (total / count).mean() / floor**2)) if floor > 0 else 1.0

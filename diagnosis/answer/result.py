@@ -436,8 +436,7 @@ class Diagnosis(Shown):
         return f"<Diagnosis: {self.headline or self.statement}>"
 
     def __str__(self) -> str:
-        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment[:1]]
-        return "\n".join([*self.lines, *following])
+        return "\n".join([*self.lines, *(f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment[:1])])
 
     def _columns(self) -> dict[str, Any]:
         ranking = self.attribute.ranking

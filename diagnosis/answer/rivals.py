@@ -121,8 +121,7 @@ class Rivals:
             covariance = slope[:, in_model] @ known_covariance[np.ix_(known, known)] @ slope[:, in_model].T  # S C S^T
             for again in (fresh, np.isin(source, MOUNTED)):  # S' V S'^T and, besides C, S_m V_m S_m^T
                 covariance += (slope[:, again] * own_sd[again] ** 2) @ slope[:, again].T
-            size = max(c.grid_point.size, COMPARED_DISCREPANCY)
-            covariance += size**2 * smooth @ smooth.T  # g^2 D D^T
+            covariance += max(c.grid_point.size, COMPARED_DISCREPANCY) ** 2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
             by_pressure = slope[:, [i for name, i in names.items() if name == OFFSET]]
             covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R

@@ -186,7 +186,8 @@ def changed_by(d: Diagnosis) -> str:
         return f"{d.simulator.name} acts as with {d.calibration.stiffness:.2f} times the {d.words.pressure}"
     c = d.calibration
     alike = [a for a in c.alike if not a.parameter.startswith("body_modulus")][:1]  # as stiff a body
-    body = " or ".join([f"a body {as_stiff(c)}", *(alike_in_words(a, d.names) for a in alike)])
+    creeps = " before it creeps" * ("viscoelastic" in d.attribute.effects)
+    body = " or ".join([f"a body {as_stiff(c)}{creeps}", *(alike_in_words(a, d.names) for a in alike)])
     first = [_by(s, s.name, s.value) for s in c.set_up if s.mm > c.body_mm and d.fitted is None]
     return ", ".join([*first, *([body] if _factor(d) or not first else [])])
 

@@ -137,8 +137,7 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     of_made = model.by(made)
     parameters = FitParameters(made, np.array([p.sd for p in made]), (judgement.LEAST_NAMED_SIZE,) * len(made))
     no_errors = SmoothErrors(np.zeros((len(row), 0)), output, len(sd), np.zeros(len(row)))
-    noise = estimate.noise(table, row, output)
-    problem = Problem(of_made, parameters, table.measured[table.kept], noise, no_errors)
+    problem = Problem(of_made, parameters, table.measured[table.kept], estimate.noise(table, row, output), no_errors)
     calibrated = fit_alone(problem, NONE, np.zeros_like(parameters.sd), FREE_ROUNDS)
     built = Built(
         table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, calibrated, apart,

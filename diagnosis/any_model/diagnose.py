@@ -79,8 +79,7 @@ def diagnose_model(
     built = build(predict, table, list(causes), made)
     if (rest := without_strays(built)) is not None:
         built = build(predict, rest, list(causes), made)
-    seen = [c for c in causes if c.name in built.problem.parameters.ids]
-    return _Diagnosis(built, seen).answer(next_)
+    return _Diagnosis(built, [c for c in causes if c.name in built.problem.parameters.ids]).answer(next_)
 
 
 def _candidates(candidates: pd.DataFrame, table: Table) -> pd.DataFrame:

@@ -24,8 +24,7 @@ class Gaussian:
         of_errors = p + nuisance.shape[1] + np.arange(dense.shape[1] - p - nuisance.at.size)
         at = np.concatenate([np.arange(p), p + nuisance.at, of_errors])
         self._x = Columns(dense, at, nuisance.sparse, p + nuisance.rest)
-        normal = self._x.normal(np.zeros((len(dense), 0)))
-        self._factors = normal.plus(np.ones(self._x.shape[1])).factorised()
+        self._factors = self._x.normal(np.zeros((len(dense), 0))).plus(np.ones(self._x.shape[1])).factorised()
         missed = linear.observed - linear.effects @ prior.mean
         self.residual = missed - self._x.along(self._factors.solve(self._x.against(missed)))
         """(n,) (I + X X^T)^-1 r."""

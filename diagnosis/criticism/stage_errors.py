@@ -52,6 +52,7 @@ class StageError:
 
 def in_words(factor: str) -> str:
     """A factor of the data as a template of `Words`."""
+    factor = factor.replace("experiment", "the kind of trial (which {actuators} act, and loads)")
     return factor.replace("_", " ").replace("pressure", "{pressure}")
 
 

@@ -146,8 +146,7 @@ def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
 
 def places(states: int, row: Ints, channel: NDArray[np.str_], values: Array, axes: Sequence[str] = TIP) -> Array:
     """(states, 3) the tip, or the point of `axes`, among values (n,), each of a state `row` and a channel; NaN where none is."""
-    of_axes = [channel == axis for axis in axes]
-    return np.column_stack([scattered((states,), row[own], values[own]) for own in of_axes])
+    return np.column_stack([scattered((states,), row[channel == axis], values[channel == axis]) for axis in axes])
 
 
 @dataclass(frozen=True)

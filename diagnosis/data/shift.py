@@ -70,8 +70,7 @@ def _run(tip: Array, given: Mask, terms: Array, by: int) -> tuple[Mask, Array, A
         gained = np.append(0.0, np.nancumsum(own - other))
         rise = gained - np.minimum.accumulate(gained)
         end = len(tip) - np.argmax(rise[::-1])  # the last of equal ones: places that are not known are moved with those beside
-        begin = np.argmin(gained[: end + 1])
-        there = (every >= begin) & (every < end)
+        there = (every >= np.argmin(gained[: end + 1])) & (every < end)
     return there, off, way, np.where(there, other, own)
 
 

@@ -17,9 +17,9 @@ import scipy
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.errors import ModelError
 from model.robot import Robot
-from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
+from model.rotation import CONJUGATE, from_vector, multiply, to_base, turn_onto
 from model.section import body_mass
-from recordings.trials import TIP, Mapped, Table
+from recordings.trials import NO_MOUNT, TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
@@ -37,6 +37,8 @@ SMALL, LARGE = 20e3, 500e3
 """Pa: soft robots hold more than the first in a larger unit than Pa, and less than the second."""
 EFFECT = 6.0
 """Prior standard deviations of a parameter within which an effect competes."""
+RIGHT = np.pi / 2
+"""rad by which gravity's direction may be off: farther, its sign or its axis is."""
 AXES = np.eye(3)
 FRAMES = [np.diag(signs) @ AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 """Each way in which axes of a file can be those of the base."""
@@ -71,9 +73,12 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         if min(np.linalg.norm(down - other) for other in known) > 0.1 * size:
             known.append(down)
             yield Edit("gravity", prior, gravity_says(robot, down), partial(gravity_along, down))
-    around = tuple((float(a), float(b)) for a, b in np.radians([(0, 0), (15, 0), (-15, 0), (0, 15), (0, -15)]))
-    yield Edit("gravity", 0.01, _tilted, starts=around, widens={number: np.radians(25) for number in (3, 4)})
-    yield Edit("tilt", 0.03, _tilt_says, _tilt, around[1:], ((-0.9, 0.9),) * 2)
+    around = tuple((float(a), float(b)) for a, b in np.radians([(15, 0), (-15, 0), (0, 15), (0, -15)]))
+    anywhere = tuple((times * a, times * b) for times in (1, 4) for a, b in around)
+    across = scipy.linalg.null_space(given[None]).T[:2]  # of no gravity any
+    apply, within = lambda v, own: v.with_gravity_turned(from_vector(own @ across)), ((-RIGHT, RIGHT),) * 2
+    yield Edit("gravity", 0.01, partial(_gravity_says, across), apply, anywhere, within)
+    yield Edit("tilt", 0.03, _tilt_says, _tilt, around, ((-0.9, 0.9),) * 2)
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
@@ -83,16 +88,11 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         yield Edit(f"arc {k}", 0.03 / len(arcs), partial(_arc, k), moved, starts, bounds)
 
 
-def _refitted(name: str, given: float, found: float, unit: str, limit: bool = False, short: str = "") -> list[Mistake]:
-    reached = ", the limit of the fit: another number is wrong too" * limit
-    return [mistake("refitted", short or name, name=name, given=given, found=found, unit=unit, limit=reached)]
-
-
 def _stiffness(name: str, size: float, unit: str, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     change, given = float(own[0] if own.size else theta[MODULUS]), getattr(robot, name) / size
-    limit = abs(change) > judgement.EDIT_AT_BOUND * WIDEST
-    said = _refitted(name, given, given * float(np.exp(change)), unit, limit)
-    return said if abs(change) > judgement.EDIT_USUAL[MODULUS] else []
+    limit = ", the limit of the fit: another number is wrong too" * (abs(change) > judgement.EDIT_AT_BOUND * WIDEST)
+    said = mistake("refitted", name, name=name, given=given, found=given * float(np.exp(change)), unit=unit, limit=limit)
+    return [said] if abs(change) > judgement.EDIT_USUAL[MODULUS] else []
 
 
 def _azimuths(sense: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -130,16 +130,15 @@ def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0
     return replace(v, gravity=np.broadcast_to(down, v.gravity.shape), tip=v.tip + tip, markers=v.markers + markers)
 
 
-def gravity_says(robot: Robot, down: Array) -> Says:
+def gravity_says(robot: Robot, down: Array, short: str = "gravity") -> Says:
     """State that gravity points along `down` (m/s^2)."""
-    return stating("gravity_elsewhere", "gravity", found=listed(down), given=listed(robot.gravity))
+    return stating("gravity_elsewhere", short, found=listed(down), given=listed(robot.gravity))
 
 
-def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
-    limit = bool(np.abs(theta[GRAVITY]).max() > judgement.EDIT_AT_BOUND * np.radians(25))
-    said = _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
-    return said if (np.abs(theta[GRAVITY]) > judgement.EDIT_USUAL[GRAVITY]).any() else []
+def _gravity_says(across: Array, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
+    down = to_base(from_vector(own @ across), np.array(robot.gravity))
+    turned = np.linalg.norm(own) > judgement.EDIT_USUAL[GRAVITY].max()
+    return gravity_says(robot, down, "direction of gravity")(robot, theta, own) if turned else ()
 
 
 def _tilt(v: Variants, own: Array) -> Variants:
@@ -225,8 +224,8 @@ def axes_say(axes: Array, mapped: Mapped | None, turn: scipy.spatial.transform.R
     back = (turn or scipy.spatial.transform.Rotation.from_matrix(handed * axes)).inv().as_rotvec()
     angle = float(np.linalg.norm(back))
     nearest = max(FRAMES, key=lambda m: float(np.sum(m * axes)))
-    aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0))
-    remedy, short = remedies.of_frame(nearest, mapped) if aligned else "correct the cameras' axes", "the cameras' frame"
+    aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0)) and not np.array_equal(nearest, np.eye(3))
+    remedy, short = remedies.of_frame(nearest if aligned else axes, mapped), "the cameras' frame"
     if handed < 0:
         return stating("frame_mirrored", short, remedy=remedy)
     return stating("frame_turned", short, angle=float(np.degrees(angle)), about=listed(back / max(angle, 1e-12)), remedy=remedy)
@@ -276,7 +275,14 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
 def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
     """Remedies and the resulting orientations (.., 4), the simplest first."""
     base = scipy.spatial.transform.Rotation.from_matrix((mapped or Mapped()).axes)
-    yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
+    onto, mount = base.as_quat(scalar_first=True), np.array((mapped or Mapped()).mount or NO_MOUNT)
+    after = multiply(onto * CONJUGATE, mount / np.linalg.norm(mount))
+
+    def reordered(held: list[int], read: Array) -> Array:
+        return _framed(onto, after, _framed(onto * CONJUGATE, after * CONJUGATE, read)[..., held])
+
+    for order, held in {"xyzw": [3, 0, 1, 2], "wxyz": [1, 2, 3, 0]}.items():
+        yield remedies.of_order(order, mapped), partial(reordered, held)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     of_axes = (turns := scipy.spatial.transform.Rotation.create_group("O")), base.inv() * turns * base
     for turn, of_file in zip(*(q.as_quat(canonical=True, scalar_first=True) for q in of_axes), strict=True):
@@ -322,8 +328,7 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
             prior, most = 0.3 if mapped is not None and mapped.unit == "" else 0.03, float(highest.max())
             yield Edit("pressures", prior, partial(_all_say, mapped, most), partial(_gain, columns, 1.0), starts, (bounds,))
-    roll = np.abs(sample.table.get("roll_deg", 0.0))
-    if 0 < roll.max() < 2 * np.pi + 0.01:
+    if 0 < np.abs(sample.table.get("roll_deg", 0.0)).max() < 2 * np.pi + 0.01:
         yield Edit("roll", 0.03, stating("roll_in_rad", "column roll_deg"), lambda v, _: replace(v, roll=np.degrees(v.roll)))
 
 

@@ -82,8 +82,7 @@ class Fit:
     @property
     def own(self) -> tuple[Array, ...]:
         """Parameters of each edit."""
-        ends = np.cumsum([len(CALIBRATION), *(len(edit.bounds) for edit in self.edits)])
-        return tuple(np.split(self.x, ends)[1:-1])
+        return tuple(np.split(self.x, np.cumsum([len(CALIBRATION), *(len(edit.bounds) for edit in self.edits)]))[1:-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +218,7 @@ class Sample:
     def rms(self, missed: Array) -> Array:
         """(..) m, s sqrt(mean rho(d^2 / s^2)): the rms of distances d (.., n, 3) that are small, while large ones count less."""
         scale = judgement.EDIT_LOSS_SCALE * self.robot.length
-        squared = (missed**2).sum(axis=-1) / scale**2
-        rho = 2 * (np.sqrt(1 + squared) - 1)
+        rho = 2 * (np.sqrt(1 + (missed**2).sum(axis=-1) / scale**2) - 1)
         return np.asarray(scale * np.sqrt(rho.mean(axis=-1) if rho.shape[-1] else rho.sum(axis=-1)))
 
     @cached_property

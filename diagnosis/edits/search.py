@@ -181,8 +181,14 @@ class Judged:
 
     @property
     def chosen(self) -> Fit | None:
-        """The most probable fit; None where it holds no mistake, or it is not certain that there is one."""
+        """The most probable fit, or one of the same mistakes that misses clearly less and may be right; None where it holds no
+        mistake, or it is not certain that there is one."""
         best = int(np.argmax(self.weight))
+        alike = [k for k in np.flatnonzero(self.weight > judgement.EDIT_STATED).tolist() if self._kinds[k] == self._kinds[best]]
+        floor, rms = judgement.EDIT_MODEL_ERROR * self.sample.robot.length, self.sample.between_and_within
+        between = {k: np.hypot(rms(self.fits[k].missed)[0], floor) for k in (*alike, best)}
+        nearest = min(between, key=between.__getitem__)
+        best = nearest if between[nearest] < judgement.EDIT_AS_WELL * between[best] else best
         of_mistakes = float(sum(w for w, kinds in zip(self.weight, self._kinds, strict=True) if kinds))
         return self.fits[best] if of_mistakes >= judgement.CAUSE_PROBABILITY and self._kinds[best] else None
 

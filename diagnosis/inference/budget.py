@@ -231,8 +231,7 @@ def _carried(p: FitParameters, where: Sequence[BudgetPart], squares: Sequence[Pr
     moved = {e: np.column_stack([change[:, p.mask((e,))], np.ones(len(change))]) for e in p.ids}
     squared = ([((x @ products[e]) * x).sum(axis=1) for e, x in moved.items()] for products in squares)
     by_part = [np.sqrt(np.maximum(np.column_stack(of_effects), 0.0)) for of_effects in squared]
-    floors = [m / part.floor for m, part in zip(by_part, where, strict=True)]
-    return by_part[0], np.max(floors, axis=0)
+    return by_part[0], np.max([m / part.floor for m, part in zip(by_part, where, strict=True)], axis=0)
 
 
 def _squares(problem: Problem, where: Sequence[BudgetPart], fit: Fit) -> list[Products]:

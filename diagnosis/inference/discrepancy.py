@@ -27,8 +27,7 @@ def settings(
 ) -> tuple[Array, Array]:
     """Coordinates (n, d) of n states in correlation lengths, and the relative size (n,) of the discrepancy there, from (n,) each:
     spine length m, highest pressure Pa, branch -1 or 1, kind of experiment (any label)."""
-    highest = max(float(np.max(np.abs(pressure), initial=0.0)), 1.0)
-    share = pressure / highest
+    share = pressure / max(float(np.max(np.abs(pressure), initial=0.0)), 1.0)
     kind_number = np.unique(kind, return_inverse=True)[1]
     # One axis for each kind of experiment: any two lie 1.5 correlation lengths apart.
     kinds = 1.5 / np.sqrt(2) * np.eye(kind_number.max(initial=0) + 1)[kind_number]
@@ -62,8 +61,7 @@ class SmoothErrors:
 
     def drawn(self, coefficients: Array) -> Array:
         """(n,) the discrepancy of size 1 with these coefficients (m * channels,)."""
-        of_channel = coefficients.reshape(-1, self.channels).T
-        return np.asarray(self.size * (self.draws * of_channel[self.channel]).sum(axis=1))
+        return np.asarray(self.size * (self.draws * coefficients.reshape(-1, self.channels).T[self.channel]).sum(axis=1))
 
     def laws(self, response: Array) -> Array:
         """(n, m * channels) columns of a relative error of size 1 of a law that contributes `response` (n,) to the values."""

@@ -281,5 +281,4 @@ class _Local:
         if bend is not None:
             score -= self._pulled(bend)
         x = self._curve.plus(1.0 + damping * self._of_parameter).within(-score, self._low, self._high)[: len(self._free)]
-        goal = np.where(self._free, self._mean + self._scale * x, self._rest)
-        return np.clip(goal, self._p.lower, self._p.upper)
+        return np.clip(np.where(self._free, self._mean + self._scale * x, self._rest), self._p.lower, self._p.upper)

@@ -118,8 +118,7 @@ def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
         return across, 0.0
     gram[np.diag_indices_from(gram)] += 1.0
     root = cholesky(gram)
-    half = solve_triangular(root, across, lower=True, check_finite=False)
-    return np.asarray(half), float(np.log(np.diag(root)).sum())
+    return np.asarray(solve_triangular(root, across, lower=True, check_finite=False)), float(np.log(np.diag(root)).sum())
 
 
 @dataclass(frozen=True)

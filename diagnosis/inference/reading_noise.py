@@ -222,8 +222,7 @@ def telling(condition: Ints, trial: Ints) -> Mask:
     if len(trial) <= MOST_TELLING:
         return ~chosen
     for c in _all_over(np.unique(condition)):
-        trials = _all_over(np.unique(trial[condition == c]))
-        chosen |= np.isin(trial, trials[:MOST_REPEATS])
+        chosen |= np.isin(trial, _all_over(np.unique(trial[condition == c]))[:MOST_REPEATS])
         if chosen.sum() >= MOST_TELLING:
             break
     return chosen
@@ -283,8 +282,7 @@ def regulators(read: Array, pressure: Array) -> list[Ints]:
     (n, chambers) Pa: the same, those of vented chambers set to zero.
     """
     groups = rows_by(np.unique(read.T, axis=0, return_inverse=True)[1].reshape(-1))
-    inflating = [chambers for chambers in groups if (pressure[:, chambers] > 0).any()]
-    return inflating or [np.arange(pressure.shape[1])]
+    return [chambers for chambers in groups if (pressure[:, chambers] > 0).any()] or [np.arange(pressure.shape[1])]
 
 
 def with_vented_at_zero(states: Campaign) -> Array:

@@ -184,8 +184,7 @@ class Search:
         """Take the next points from the queue, one of each hypothesis; drop those that promise less than what was reached."""
         searched = {key: c for key, c in self._tried.items() if c.turns}
         best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
-        by_evidence = sorted(searched.values(), key=_evidence)
-        alone = {len(c.named): c.log_evidence for c in by_evidence if not c.with_tolerances}
+        alone = {len(c.named): c.log_evidence for c in sorted(searched.values(), key=_evidence) if not c.with_tolerances}
         self._standing = Standing(best, frozenset(searched), alone)
 
         def promise(c: Candidate) -> float:
@@ -380,8 +379,7 @@ class Search:
 # ------------------------------------------------------------------ where searches begin
 def needs_own(p: FitParameters, named: Hypothesis) -> bool:
     """Whether an effect is one-sided, or has several starting points."""
-    own = [i for i, e in enumerate(p.effects) if e in named]
-    return any(p.lower[i] == 0 or len(p.infos[i].starts) > 1 for i in own)
+    return any(p.lower[i] == 0 or len(p.infos[i].starts) > 1 for i, e in enumerate(p.effects) if e in named)
 
 
 def starts(p: FitParameters, named: Hypothesis, none: Fit) -> list[Array | Fit]:

@@ -85,9 +85,8 @@ class Source:
 
 def read_yaml(path: Path) -> Source:
     """Parse one YAML file (plain values only, see `model.plain_yaml`); raises ConfigError."""
-    data = read_bounded(path, 4 * MOST_CHARACTERS, ConfigError)
     try:
-        text = data.decode("utf-8")
+        text = read_bounded(path, 4 * MOST_CHARACTERS, ConfigError).decode("utf-8")
     except UnicodeDecodeError as e:
         raise ConfigError(f"{path}: is not a text file; a YAML file is needed here") from e
     return parse_yaml(text, str(path))

@@ -145,8 +145,7 @@ def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recor
     for group in groups:
         table = merged(group)
         begun = (min(r.start_wall_ns for r in group) - min(r.start_wall_ns for r in groups[0])) / 1e9
-        last = out[-1][1].get("t").max(initial=0.0) if out else 0.0
-        shift = max(begun, last) if begun > 0 else 0.0
+        shift = max(begun, out[-1][1].get("t").max(initial=0.0) if out else 0.0) if begun > 0 else 0.0
         out.append((group, table.replaced({"t": table.get("t") + shift}) if shift and len(table) else table))
     return out
 

@@ -245,18 +245,19 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
     """Rows (k,) of states, and of those whose places they repeat to the last digit: at least `COPIED` in a row at the pressures
     of earlier ones; or all but the last at the same pressures and time, if other places have other times. None where all repeats
     are alike, as in a simulated table."""
-    pressures, state = own.trials.pressures, np.arange(len(own))
-    read = np.column_stack([own.tip, own.spine_length, own.trials.markers.reshape(len(own), -1)])
-    _, first, group = np.unique(np.nan_to_num(read, nan=np.inf), axis=0, return_index=True, return_inverse=True)
-    earlier, scatters = first[group.ravel()], len(np.unique(own.condition[first])) < len(first)
-    change = np.abs(pressures - pressures[earlier]).max(axis=1, initial=0.0)
-    alike = (earlier != state) & scatters
+    read, state = [own.tip, own.spine_length, own.trials.markers.reshape(len(own), -1)], np.arange(len(own))
+    places = np.nan_to_num(np.column_stack(read), nan=np.inf)
+    _, first = np.unique(places, axis=0, return_index=True)
+    at_pressures = np.column_stack([places, own.trials.pressures])
+    _, once, group = np.unique(at_pressures, axis=0, return_index=True, return_inverse=True)
+    earlier = once[group.ravel()]
+    alike = (earlier != state) & (len(np.unique(own.condition[first])) < len(first))
     blocks = np.split(state, np.flatnonzero(np.diff(state - earlier)) + 1)
-    for rows in (b for b in blocks if b.size >= COPIED and alike[b[0]] and not change[b].any()):
+    for rows in (b for b in blocks if b.size >= COPIED and alike[b].all()):
         alike[rows] = False
         yield own.row[rows], own.row[earlier[rows]]
     for clock in (own.time, distinct(own.trial, own.time)):  # that of the second begins anew in each trial
-        twice = np.flatnonzero(alike & (clock == clock[earlier]) & (change == 0))
+        twice = np.flatnonzero(alike & (clock == clock[earlier]))
         if twice.size and len(np.unique(clock[first])) == len(first):
             alike[twice] = False
             last = twice[np.argsort(earlier[twice], kind="stable")]  # of two at rest the last begins a trial: it stays

@@ -162,8 +162,7 @@ class LimitMonitor:
                     name, f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; check the regulator"
                 )
         total = sum(p * n for p, n in zip(sample.measured, self._sizes, strict=True))
-        most = self._limits.max_total_pressure + self._limits.pressure_error * sum(self._sizes)
-        if total > most:
+        if total > self._limits.max_total_pressure + self._limits.pressure_error * sum(self._sizes):
             return DeviceFault(
                 name,
                 f"the chambers' pressures sum to {total / 1e3:.0f} kPa, limits.max_total_pressure is "

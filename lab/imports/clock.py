@@ -144,8 +144,7 @@ def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
         on_the_hour = abs((before + usual + tolerance) % (2 * HALF_HOUR)) <= 2 * tolerance
         # s after which a counter that fell by `excess`, its period aside, begins again
         sizes = [2.0**bits * unit for bits in BITS for unit in (tick, *TICKS)]
-        fits = (s for s in sizes if abs(excess + s) <= 3 * usual < 0.1 * s and np.ptp(line.t) <= s)
-        if modulus := next(fits, 0.0):
+        if modulus := next((s for s in sizes if abs(excess + s) <= 3 * usual < 0.1 * s and np.ptp(line.t) <= s), 0.0):
             shift[i + 1 :] += modulus
             line.notes.append(f"{where}: the count of time overflows ({before:.6g} s to {after:.6g} s) and is continued")
         elif of_clock and (on_the_hour if excess > 0 else abs(after - run_start) > tolerance):

@@ -253,8 +253,7 @@ def _times(cells: Any, words: Sequence[str]) -> Array | None:
     hours = any(HOURS.fullmatch(w) or ((found := CLOCK.fullmatch(w)) and found[1]) for w in words)
     turn = DAY if hours else 3600.0  # after which they begin again
     if steps.size and (steps < -turn / 2).any():
-        at = np.flatnonzero(np.isfinite(seconds))
-        seconds[at] += turn * np.concatenate([[0], np.cumsum(steps < -turn / 2)])
+        seconds[np.flatnonzero(np.isfinite(seconds))] += turn * np.concatenate([[0], np.cumsum(steps < -turn / 2)])
     return seconds
 
 

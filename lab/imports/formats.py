@@ -129,9 +129,8 @@ RATES = (0.01, 1e5)
 def _c3d(path: Path, source: Source) -> Series:
     """Columns `time` (s), LABEL.x .. of each marker and the mean of each analog channel over a frame; raises ConfigError."""
     library = package("c3d", path)
-    data = read_bounded(path, LARGEST, ConfigError)
     with readable(path, "C3D"), warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
-        reader = library.Reader(io.BytesIO(data))
+        reader = library.Reader(io.BytesIO(read_bounded(path, LARGEST, ConfigError)))
         # frames of no bytes would be read as often as the file claims
         if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
             raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")

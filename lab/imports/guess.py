@@ -262,8 +262,7 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
             continue
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
-        units = KINDS.get(unit_of(column), ())
-        if stated := unit_in(series, h.name, units):
+        if stated := unit_in(series, h.name, KINDS.get(unit_of(column), ())):
             entry["unit"], why = stated, f"the file says {stated} of {h.name!r}"
         elif column == "t" and h.name in series.numbers:
             if unit := unit_of_steps(series.numbers[h.name]):
@@ -327,14 +326,13 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
     span = float(np.ptp(values)) if len(values) else 0.0
     stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
     stretches = 1 + int((~stays).sum())
-    has_times = "columns.t" in g.reasons or "time" in series.numbers
     # with five rows of the same pressure on average, a file is a time series
     if len(values) >= 5 * stretches or (len(series) > 500 and stays.mean() > 0.5):
         words = robot.actuators.words
         steady = float(f"{STEADY * span / words.pascal:.2g}")
         why = f"{len(series)} rows with mostly constant pressures: treated as a time series"
         g.say("states.plateaus", {"steady": f"{steady:g} {words.unit}"}, why)
-        if not has_times:
+        if "columns.t" not in g.reasons and "time" not in series.numbers:
             g.say("source.rate", "100 Hz", "GUESSED: no column of time")
             g.doubt("source.rate", "100 rows per second is a guess; state the true rate")
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 from recordings.trials import column_order
 
@@ -244,11 +245,10 @@ def _counted(headings: Sequence[Heading]) -> list[Triple]:
     for h in headings:
         if h.words and h.words[-1].isdigit() and set(h.words) & PLACE_WORDS:
             groups.setdefault(h.words[:-1], []).append(h)
-    numbered = [("1", "2", "3"), ("0", "1", "2")]
     return [
         Triple((of[0].name, of[1].name, of[2].name), frozenset(words), of[0].unit or of[0].stated)
         for words, of in groups.items()
-        if tuple(h.words[-1] for h in of) in numbered
+        if tuple(h.words[-1] for h in of) in [("1", "2", "3"), ("0", "1", "2")]
     ]
 
 
@@ -294,8 +294,10 @@ def _headings(names: Sequence[str], units: Sequence[str]) -> list[Heading]:
 
 
 def quadruples(headings: Sequence[Heading]) -> list[tuple[str, str, str, str]]:
-    """Groups w, x, y, z."""
-    return [(c["w"], c["x"], c["y"], c["z"]) for _, _, c in _groups(headings) if len(c) == 4]
+    """Groups w, x, y, z; a quaternion's q0 is w, and q1 to q3 are x to z."""
+    letter = partial(re.sub, "(?<=^q)[0-3]$|(?<=quat)[0-3]$", lambda digit: "wxyz"[int(digit[0])])
+    lettered = [replace(h, words=tuple(map(letter, h.words))) for h in headings]
+    return [(c["w"], c["x"], c["y"], c["z"]) for _, _, c in _groups(lettered) if len(c) == 4]
 
 
 def _groups(headings: Sequence[Heading]) -> Iterator[tuple[frozenset[str], str, Mapping[str, str]]]:

@@ -171,9 +171,8 @@ def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:
             return
         if item.external is not None or item.is_virtual:
             raise ValueError(f"{name} lies in another file")
-        cell = max(8, item.dtype.itemsize)
         # a chunk is unpacked as a whole, however small its part of the array is
-        sizes.append(cell * max(item.size, math.prod(item.chunks or (0,))))
+        sizes.append(max(8, item.dtype.itemsize) * max(item.size, math.prod(item.chunks or (0,))))
         if (
             name.partition("/")[0] not in OWN
             and CLASS in item.attrs

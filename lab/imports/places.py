@@ -83,8 +83,7 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
         off = np.linalg.norm(place[:, None] - places[usual][None], axis=2)
         rows, columns = scipy.optimize.linear_sum_assignment(off)  # which point of the usual file each is nearest to
         exchanged = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
-        in_order = float(np.trace(off))
-        if exchanged and in_order > max(EXCHANGED * float(off[rows, columns].sum()), STILL * length):
+        if exchanged and float(np.trace(off)) > max(EXCHANGED * float(off[rows, columns].sum()), STILL * length):
             text = ", ".join(f"{BODIES[i]} stands where {BODIES[j]} does" for i, j in exchanged)
         elif (place.shape[0] > 1 or not moved) and off[0, 0] > ELSEWHERE * length:
             behind = " behind the base," if place[0, 2] < 0 < places[usual][0, 2] else ""

@@ -150,8 +150,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     words = {n: translated(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
-    chambers = _chambers(file, values, constants)
-    driven = {p: values[p] if p in values else np.full(n, constants[p]) for p in chambers}
+    driven = {p: values[p] if p in values else np.full(n, constants[p]) for p in _chambers(file, values, constants)}
     pressures = np.column_stack([*driven.values()])
     file.resting = at_rest(pressures)
     if "tip" in wanted.points:

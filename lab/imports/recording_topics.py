@@ -83,10 +83,9 @@ class Topic:
         import pandas as pd
 
         cut, things = len(self.name), self.things
-        prefix = [f".{thing}" * bool(thing and things) for thing in self.about]
         rows = [
             {f"{name[:cut]}{thing}{name[cut:]}": value for name, value in row.items()}
-            for thing, row in zip(prefix, self.rows, strict=True)
+            for thing, row in zip([f".{thing}" * bool(thing and things) for thing in self.about], self.rows, strict=True)
         ]
         return pd.DataFrame(rows, index=self.times, dtype=np.float64).sort_index(kind="stable")
 
@@ -264,8 +263,7 @@ def _by_package(encoding: str, schema: Schema | None) -> Decoder:
     try:
         factory = import_module(package).DecoderFactory()
     except ImportError as e:
-        name = package.partition(".")[0]
-        raise ValueError(f"needs the package of {name}; pip install 'softlab[import]'") from e
+        raise ValueError(f"needs the package of {package.partition('.')[0]}; pip install 'softlab[import]'") from e
     decode: Decoder | None = factory.decoder_for(encoding, schema)
     if decode is None:
         raise ValueError(f"definitions of kind {schema.encoding if schema else 'none'!r} are not read")

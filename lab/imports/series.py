@@ -96,8 +96,7 @@ class Series:
     def unit_of(self, name: str, units: Container[str]) -> str:
         """The unit the file states for a column outside of its heading, or trials.csv, where it is one of `units`; else empty."""
         own = unit_named(self.units.get(name) or (unit_of(name) if self.columns.keys() >= set(REQUIRED) else ""))
-        stated = [own[1]] if own else self.common_units.values()
-        return next((unit for unit in stated if unit in units), "")
+        return next((unit for unit in ([own[1]] if own else self.common_units.values()) if unit in units), "")
 
 
 def of_judged(path: Path, judged: Mapping[str, Judged], form: str, notes: Sequence[str] = ()) -> Series:
@@ -367,5 +366,4 @@ def _names(inside: Sequence[Any]) -> tuple[str, ...]:
 
 def name_in(message: Any) -> str:
     """The word by which a message names what it is about; empty where it has none."""
-    fields = _fields(message) or {}
-    return next((v for k, v in fields.items() if v and isinstance(v, str) and IDENTITY.fullmatch(k)), "")
+    return next((v for k, v in (_fields(message) or {}).items() if v and isinstance(v, str) and IDENTITY.fullmatch(k)), "")

@@ -39,6 +39,7 @@ from ..files.map_file import Map, Name, named, units_for
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
+from .headings import heading, quantity, tendon
 from .joining import in_time, lag
 from .places import at_rest_by_model, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
@@ -58,6 +59,8 @@ MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
 MOST_TRIALS = 0.9
 """Trials per state from which a column of trials is asked about: it changes with nearly every row."""
+MOST_LOADS = 10
+"""Values of a column of masses or forces that were set rather than read."""
 SAME_ROLL = 2.0
 """deg of roll within which a mounting is the same."""
 
@@ -127,8 +130,7 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
 
 def _counted(path: Path) -> list[tuple[int, str]]:
     """A key by which run2 comes before run10."""
-    parts = re.split(r"(\d+)", path.name.casefold())
-    return [(int(part[:18]), "") if part.isdecimal() else (0, part) for part in parts]
+    return [(int(part[:18]), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", path.name.casefold())]
 
 
 def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
@@ -220,7 +222,7 @@ def conclude(
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = q.with_columns({"t": q.t - q.t[0] + start + BETWEEN_RUNS})
         trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
-        notes += doubts
+        notes += [*doubts, *_unused_loads(series, own_map)]
         pushed = [q.table.values[name] for name in FORCES if name in q.table.values]
         own_cuts = cuts(wanted.states, q.t, q.table.pressures, trial, np.column_stack(pushed) if pushed else None)
         trial_per_state = wanted.trials.begin == "state" and "trial" not in q.table.values
@@ -247,8 +249,7 @@ def conclude(
     rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     found = list(jumps(states, float(straight[2]), robot.actuators.words))
     notes += _jump_notes(found, places)
-    contradicted = [(j.state, body) for j in found if j.against for body in j.bodies]
-    states, kept_states = without(contradicted, states)
+    states, kept_states = without([(j.state, body) for j in found if j.against for body in j.bodies], states)
     rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
@@ -299,6 +300,18 @@ def conclude(
         )
     asked = tuple(q for q in questions if q not in wanted.confirmed)
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked, tuple(places))
+
+
+def _unused_loads(series: Series, wanted: Map) -> Iterator[str]:
+    """Name columns of masses and forces that were set, and that the map does not use, with what to write."""
+    used = named(wanted)
+    for name in () if used is None else series.numbers.keys() - used:
+        of, set_to = heading(name, series.units.get(name, "")), np.unique(np.nan_to_num(series.numbers[name]))
+        key = "tip_mass" if quantity(of) == "tip_mass" or of.kind == "kg" else "force_z" if of.kind == "N" else ""
+        stated = key in {*wanted.columns, *wanted.constants} or of.asked_for or tendon(of) is not None
+        if key and not stated and len(set_to) <= MOST_LOADS and set_to.any():
+            unit, axis = f", unit: {of.unit}" * bool(of.unit), " (or force_x, force_y)" * (key != "tip_mass")
+            yield f"column {name!r} is not used: if it loads the tip, write `{key}: {{column: {name}{unit}}}`{axis} under columns"
 
 
 def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:
@@ -452,8 +465,7 @@ def _mounted(
     shift = np.mean(tip - table.tip[resting], axis=0)
     markers, marker_shift = table.markers, np.zeros(table.markers.shape[1:])
     both = min(len(marker_shift), places.shape[1])  # of the file and of robot.yaml
-    offset = places[:, :both] - markers[resting, :both]
-    marker_shift[:both] = np.ma.masked_invalid(offset).mean(axis=0).filled(0.0)
+    marker_shift[:both] = np.ma.masked_invalid(places[:, :both] - markers[resting, :both]).mean(axis=0).filled(0.0)
     return _placed(table, table.tip + shift, markers + marker_shift)
 
 

@@ -264,10 +264,9 @@ def changes(q: FileRows, stages: Stages) -> list[Change]:
         nameless = {w for w, times in Counter(runs).items() if named and w not in named and times > 1}
         nameless |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
                     if named and w not in named and before == after}  # fmt: skip
-        known = [k for k, w in enumerate(cells.tolist()) if w and w not in nameless]
         all_changes += [
             Change(key, column, before + 1, row, str(cells[before]), str(cells[row]))
-            for before, row in pairwise(known)
+            for before, row in pairwise([k for k, w in enumerate(cells.tolist()) if w and w not in nameless])
             if cells[before] != cells[row]
         ]
     return all_changes

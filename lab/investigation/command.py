@@ -144,8 +144,7 @@ def _drawn(story: Investigation, path: Path) -> Path:
     minutes = [r.minutes for r in story.rounds]
     with drawing(path, (5.2, 3.4 + 0.2 * len(shown))) as (_, axis):
         for h, colour, mark in zip(shown, colours(len(shown)), "os^Dv*", strict=False):
-            y = [p.get(h, 0.0) for p in probability]
-            axis.plot(minutes, y, marker=mark, color=colour, label=_plain(h, story))
+            axis.plot(minutes, [p.get(h, 0.0) for p in probability], marker=mark, color=colour, label=_plain(h, story))
         for r, minutes_after in zip(story.rounds, minutes[1:], strict=False):
             if r.predicted is not None:
                 middle = (r.minutes + minutes_after) / 2

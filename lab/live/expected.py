@@ -52,8 +52,7 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
                 yield {"gaps": gaps(Case(robot, table), with_intervals)}
             else:
                 now = question["now"]
-                spine = max(0.0, now["spine"])
-                prediction = predictor(now["pressures"], spine, now["mass"], now["roll"], intervals=True)
+                prediction = predictor(now["pressures"], max(0.0, now["spine"]), now["mass"], now["roll"], intervals=True)
                 yield _place(prediction, 0, with_intervals)
         except UNANSWERED as e:
             yield {"error": f"{type(e).__name__}: {e}"}

@@ -374,10 +374,9 @@ class Picture:
         if self._begun is None:
             self._begun = message.seconds
         own, planned = message.seconds - self._begun, message.seconds_planned - self._begun
-        left = seconds_left(own, planned, elapsed, self.about.speed)
         self.progress = {
             "t": message.t, "steps": message.steps, "planned": message.steps_planned, "seconds": message.seconds,
-            "seconds_planned": message.seconds_planned, "left": left,
+            "seconds_planned": message.seconds_planned, "left": seconds_left(own, planned, elapsed, self.about.speed),
         }  # fmt: skip
 
     def _asked(self) -> Numbers | None:

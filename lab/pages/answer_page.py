@@ -69,11 +69,10 @@ def write(answer: Answer, path: Path, title: str, source: str) -> Path:
             section.text(f"These data cannot distinguish: {', '.join(with_id(effect, answer.names) for effect in group)}.")
         if answer.goes_with:
             section.text(f"The error that no listed cause explains varies with {answer.goes_with}.")
-        sizes = [size for size in answer.sizes if size.role == "size"]
         rows = [
             [size.key, f"{size.value:.4g} {size.unit}".rstrip(), f"{size.sd:.2g}", f"{size.nominal:.4g}",
              "" if size.certain else "could be nominal" if size.determined else "not determined by these data"]
-            for size in sizes
+            for size in answer.sizes if size.role == "size"
         ]  # fmt: skip
         report.section("How large the cause is").table(("parameter", "value", "standard error", "nominal", ""), rows)
         if answer.notes:

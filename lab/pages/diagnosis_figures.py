@@ -105,10 +105,8 @@ def groups(d: Diagnosis) -> list[StateGroup]:
 
 def _side(tip: Array) -> Array:
     """Horizontal direction (3,) in which tips (n, 3) differ most, away from the axis."""
-    flat = tip[:, :2] - np.nanmean(tip[:, :2], axis=0)
-    side = np.linalg.svd(np.nan_to_num(flat), full_matrices=False)[2][0]
-    way = float(np.nansum(tip[:, :2] @ side))
-    return np.append(side if way >= 0 else -side, 0.0)
+    side = np.linalg.svd(np.nan_to_num(tip[:, :2] - np.nanmean(tip[:, :2], axis=0)), full_matrices=False)[2][0]
+    return np.append(side if float(np.nansum(tip[:, :2] @ side)) >= 0 else -side, 0.0)
 
 
 def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:

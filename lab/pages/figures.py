@@ -203,7 +203,6 @@ def numbers(table: Table) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     rows = []
     for column in quantities(table):
         value, spread = (c[np.isfinite(c)] for c in (table[column], table.get(f"sd_{column}")))
-        noise = f"{np.sqrt(np.mean(spread**2)):.3g}" if len(spread) else ""
         rows.append((label(table, column), str(len(value)), *(f"{v:.6g}" for v in (value.min(), value.mean(), value.max())),
-                     noise))  # fmt: skip
+                     f"{np.sqrt(np.mean(spread**2)):.3g}" if len(spread) else ""))  # fmt: skip
     return ("sensor and quantity", "states", "least", "mean", "greatest", "sd in a state"), rows

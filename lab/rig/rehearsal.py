@@ -80,8 +80,7 @@ def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: Ri
         except (Exception, SystemExit) as error:
             of_run: Any = getattr(getattr(experiment.run, "__code__", None), "co_filename", experiment.name)
             file = experiment.source or of_run  # whose line the error names
-            hint = AT_DESK if isinstance(error, NotReached) else ""
-            raise BadProtocol(told_at(error, file, hint)) from error
+            raise BadProtocol(told_at(error, file, AT_DESK if isinstance(error, NotReached) else "")) from error
     return trials.rows, desk.highest_setpoint
 
 
@@ -243,8 +242,7 @@ class Desk:
         if self.stand is not None:
             direction, tool = np.array(self.stand.push), rotation_from_vector(turn)
             depth = sum((a - o) * d for a, o, d in zip((x, y, z), self.stand.origin, self.stand.push, strict=True))
-            force = -SPECIMEN_STIFFNESS * max(0.0, depth) * direction @ tool
-            self.force.show(raw=(*force.tolist(), 0.0, 0.0, 0.0))
+            self.force.show(raw=(*(-SPECIMEN_STIFFNESS * max(0.0, depth) * direction @ tool).tolist(), 0.0, 0.0, 0.0))
 
 
 def _fail(error: InstrumentError, _: bool) -> None:

@@ -188,8 +188,7 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool, rate
             gaps = (f"{name} in {share:.1%}" for shares in dataset["missing"].values() for name, share in shares.items() if share)
             note([f"missing (NaN) in a share of the frames: {text}"] if (text := ", ".join(gaps)) else ())
 
-    clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
-    return Result({"files": files, **clipped, **dataset}, show)
+    return Result({"files": files, **({} if table is None else {"clipped": int(table.clipped.sum())}), **dataset}, show)
 
 
 def _recordings(paths: Sequence[Path], why: str = "has no streams; use --crate") -> list[Recording]:

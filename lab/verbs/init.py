@@ -133,6 +133,8 @@ def _own_table(driver: str, examples: str) -> str:
 def init(a: argparse.Namespace) -> Result:
     """Write robot.yaml, and with --rig a rig.yaml; neither is replaced."""
     for path in (a.out, a.rig):
+        if path is not None and path.suffix not in (".yaml", ".yml"):
+            raise ConfigError(f"{path}: must end in .yaml: write {path}.yaml")
         if path is not None and path.exists():
             raise ConfigError(f"{path}: is there already; give another name, or delete it")
     if a.rig is not None and a.tendons:

@@ -138,9 +138,8 @@ def invert(
         raise ConfigError(f"{targets_path}: row {int(np.argmax(none)) + 1} has no coordinate; give x, y or z in m")
     weight = np.stack([np.asarray(table.get(f"w{k}", np.ones(m)), float) for k in "xyz"], axis=1)
     weight = np.where(np.isfinite(weight), weight, 1.0)
-    fixed = None if spine_length is None else (spine_length, spine_length)
     try:
-        limits = limits_of(robot, groups, spine=fixed)
+        limits = limits_of(robot, groups, spine=None if spine_length is None else (spine_length, spine_length))
         with Screen(f"searching {robot.actuators.words.pressures}") as screen, warnings.catch_warnings(action="ignore"):
             predictor = Predictor(robot, stated_by(robot, effects))
             reached = inverse(predictor, place, limits, weight, lambda share: screen.progress(share, 1.0))
@@ -187,8 +186,7 @@ def table_states(path: Path, words: Words) -> Columns:
     for name, column in columns.items():
         if column.dtype == np.float64 and np.isnan(column).all():
             raise ConfigError(f"{path}: the column {name} is empty, leave it out")
-    n = len(next(iter(columns.values())))
-    columns.setdefault("spine_length", np.zeros(n))
+    columns.setdefault("spine_length", np.zeros(len(next(iter(columns.values())))))
     bare = {name: column for name, column in columns.items() if re.fullmatch(r"p\d+", name) and name not in in_unit}
     highest, name = max(((float(np.nanmax(np.abs(column))), name) for name, column in bare.items()), default=(0.0, ""))
     if 0 < highest < LOWEST_USUAL:

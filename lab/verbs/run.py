@@ -434,8 +434,7 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
     """Return the job of an interrupted run on the present rig. Raises ConfigError if the robot differs.
 
     `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
-    source = parse_yaml(broken.protocol, f"{broken.journal}: protocol.yaml")
-    j = job(source, rig_path, of_file=of_file, rig=rig)
+    j = job(parse_yaml(broken.protocol, f"{broken.journal}: protocol.yaml"), rig_path, of_file=of_file, rig=rig)
     if not same_body(j.rig.texts["robot.yaml"], broken.robot):
         raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")
     return j

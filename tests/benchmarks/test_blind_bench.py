@@ -100,8 +100,7 @@ def test_clutter_of_one_way_effects_is_never_negative_and_tolerances_grow_with_t
     exact, loose = "bench", "drawn:6"
     assert world(loose).tolerance > 2.5 * world(exact).tolerance
     sizes = [draw_robot(Recipe(loose, 1, 7), place, "cluttered", ("contact",))[0].sizes for place in range(60)]
-    one_way = [e for e, info in EFFECTS.items() if info.sign != "both"]
-    assert all(s.get(e, 0.0) >= 0 for s in sizes for e in one_way)
+    assert all(s.get(e, 0.0) >= 0 for s in sizes for e, info in EFFECTS.items() if info.sign != "both")
     tilt = {
         w: np.std([draw_robot(Recipe(w, 1, 7), k, "none", ())[0].sizes["base_tilt"] for k in range(80)]) for w in (exact, loose)
     }
@@ -110,8 +109,7 @@ def test_clutter_of_one_way_effects_is_never_negative_and_tolerances_grow_with_t
 
 def test_held_out_causes_are_drawn_where_they_are_asked_for_only() -> None:
     assert not set(causes(False)) & set(HELD_OUT) and causes(True) == HELD_OUT
-    recipe = Recipe("bench", 20, 1, ("outside",), held_out=True)
-    assert {ids[0] for _, ids in draw(recipe)} == set(HELD_OUT)
+    assert {ids[0] for _, ids in draw(Recipe("bench", 20, 1, ("outside",), held_out=True))} == set(HELD_OUT)
 
 
 def test_gas_loads_the_walls_of_every_robot_of_a_world_that_says_so_and_of_that_stratum() -> None:
@@ -253,8 +251,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
         (theirs / f"{name}.json").write_text(
             json.dumps({"attribute": {"verdict": verdict, "effects": effects, "probability": 0.9, "ranking": []}})
         )
-    result = score(small_set, theirs)
-    assert all(c.exact for c in result.cases)
+    assert all(c.exact for c in score(small_set, theirs).cases)
     words = ["score", str(small_set), "--answers", str(theirs)]
     assert main([*words, "--json"]) in (0, 1) and json.loads(capsys.readouterr().out)["schema"] == "blind-score/1"
     assert (theirs / "score.json").exists()
@@ -308,8 +305,7 @@ def test_exact_intervals_agree_with_the_rule_of_three() -> None:
 
 
 def answered(*named: str, p: float = 0.95, **more: Any) -> Answer:
-    verdict = "effect" if named else "none"
-    return Answer("1", verdict, frozenset(named), p, credible=(frozenset(named),), **more)
+    return Answer("1", "effect" if named else "none", frozenset(named), p, credible=(frozenset(named),), **more)
 
 
 def case(answer: Answer, *causes: str, stratum: str = "cluttered", **carries: float) -> JudgedAnswer:

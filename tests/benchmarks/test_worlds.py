@@ -153,7 +153,6 @@ def test_readings_scatter_as_the_world_says_and_repeat_with_their_seed() -> None
     robot, sweep = a_robot({}, of=still), a_sweep(40)
     response = respond(robot, sweep)
     found = read(robot, sweep, response, np.random.default_rng(1))
-    again = read(robot, sweep, response, np.random.default_rng(1))
-    assert np.array_equal(found.tip, again.tip)
+    assert np.array_equal(found.tip, read(robot, sweep, response, np.random.default_rng(1)).tip)
     assert 1e3 * found.tip[::2].std(axis=0).mean() == pytest.approx(0.1, rel=0.1)
     assert set(STEPS) >= set(response.by)

@@ -68,8 +68,7 @@ def test_a_heavier_tip_is_another_kind_of_experiment() -> None:
 def test_a_weaker_vacuum_is_another_experiment_also_where_a_leak_takes_more_from_a_longer_spine() -> None:
     # 80, 71 and 62 kPa, and with less vacuum 64, 57 and 50 kPa.
     leaking = [replace(r, vacuum=80e3 - 60e3 * r.spine_length) for r in sweep()]
-    weaker = [replace(r, trial=r.trial + 9, vacuum=0.8 * (r.vacuum or 0.0)) for r in leaking]
-    found, _ = states(case(leaking + weaker))
+    found, _ = states(case([*leaking, *(replace(r, trial=r.trial + 9, vacuum=0.8 * (r.vacuum or 0.0)) for r in leaking)]))
     assert len(np.unique(found.condition)) == 30
     assert [set(found.kind[found.trial == t]) for t in (1, 2, 3)] == [{0}] * 3
     assert [set(found.kind[found.trial == t]) for t in (10, 11, 12)] == [{1}] * 3

@@ -96,8 +96,7 @@ def test_nothing_is_named_where_nothing_was_repeated(catalogue: Catalogue) -> No
 
 def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> None:
     turned = measured(3, 5, frame_misalignment__x=0.009, frame_misalignment__z=0.006)
-    surveyed = turned.robot.model_copy(update={"uncertainty": Uncertainty(frame_shift=0.5e-3)})
-    turned = replace(turned, robot=surveyed)
+    turned = replace(turned, robot=turned.robot.model_copy(update={"uncertainty": Uncertainty(frame_shift=0.5e-3)}))
     spec, rivals = CATALOGUE["frame_misalignment"], SOME | {e: CATALOGUE[e] for e in ("body_modulus", "area_moment")}
     verdicts = [
         diagnose(turned, quick({**rivals, spec.id: replace(spec, exact=exact)})).attribute.effects for exact in (True, False)

@@ -1,5 +1,6 @@
 """Mistakes in robot.yaml or the table that make the rod far worse are named before the diagnosis; a right description stays."""
 
+import json
 import re
 from dataclasses import replace
 from typing import Any
@@ -137,14 +138,12 @@ def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighe
 
 
 def test_chambers_in_another_order_are_named_and_those_in_order_are_no_hypothesis(case: Measured) -> None:
-    known = ("chamber_order", "chamber_azimuth")
-    options = replace(quick(), catalogue={id: CATALOGUE[id] for id in known})
+    options = replace(quick(), catalogue={id: CATALOGUE[id] for id in ("chamber_order", "chamber_azimuth")})
     found = diagnose(exchanged(case, 1), options)
     assert found.attribute.verdict == "effect" and found.attribute.effects[0] == "chamber_order"
     assert all(r.effects[0] == "chamber_order" for r in found.attribute.ranking)
     assert "order" in found.detail["first_calibration"] and "receive the pressures of" in found.statement
-    usual = diagnose(by_groups(case, ROBOT), options)
-    assert not any("chamber_order" in r.effects for r in usual.attribute.ranking)
+    assert not any("chamber_order" in r.effects for r in diagnose(by_groups(case, ROBOT), options).attribute.ranking)
 
 
 def test_an_order_that_was_found_is_written_into_the_robot(case: Measured) -> None:
@@ -321,6 +320,8 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "frame turned": (lambda r: (r, read(r, turn=Rotation.from_euler("x", 90, degrees=True))), ("turned by 90 deg about",)),
     "frame turned about the axis": (lambda r: (r, read(r, turn=Rotation.from_euler("z", 90, degrees=True))),
                                     ("frame is turned by 90 deg about [0, 0, 1]",)),
+    "frame turned a little": (lambda _: (FINGER, read(FINGER, turn=Rotation.from_euler("z", 9, degrees=True))),
+                              ("frame is turned by 9 deg about [0, 0, 1]", "hold what is now [0.988, 0.15")),
     "base tilted": (lambda r: (r, read(r.replace(gravity=TILT.inv().apply(r.gravity)), turn=TILT)),
                     ("tilted by", "20 deg about y")),
     "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
@@ -386,6 +387,14 @@ def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_fro
     assert (change.code, change.values["found"]) == ("gravity_elsewhere", found)
     assert f"gravity {found}" in change.text and judged.probability("gravity") > 0.99
     assert np.abs(judged.chosen.missed).max() < 0.05 * HANGING.length
+
+
+@pytest.mark.parametrize(("robot", "told"), [(FINGER, (0, 0, 9.81)), (HANGING, (0, 0, 9.81)), (HANGING, (-9.81, 0, 0))])
+def test_gravity_along_no_axis_is_offered_along_no_axis(robot: Robot, told: tuple[float, ...]) -> None:
+    true = np.array([-7.51, 0.0, 6.31])
+    (change, *_) = edit_first(robot.replace(gravity=told), campaign(read(robot.replace(gravity=true)))).changes
+    found = np.array(json.loads(change.values["found"]))
+    assert change.code == "gravity_elsewhere" and found @ true > np.cos(np.radians(6)) * 9.81**2, change.text
 
 
 def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:

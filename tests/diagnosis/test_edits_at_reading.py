@@ -253,6 +253,15 @@ def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None
 UP = Rotation.from_euler("x", 90, degrees=True)
 ASKEW, YAW = Rotation.from_euler("zy", (90, -90), degrees=True), Rotation.from_euler("z", 25, degrees=True)
 
+MOUNTED = Mapped(("y", "z", "x"), mount=(0.0, 0.9063, 0.0, 0.4226))
+
+
+def misread(turn: Rotation, scalar_first: bool) -> Rotation:
+    """As `MOUNTED` makes it of the file's quaternions, if these are read in the other order."""
+    onto, mount = Rotation.from_matrix(MOUNTED.axes), Rotation.from_quat(MOUNTED.mount, scalar_first=True)
+    file = onto.inv() * turn * mount.inv() * onto
+    return onto * Rotation.from_quat(file.as_quat(scalar_first=scalar_first), scalar_first=not scalar_first) * onto.inv() * mount
+
 
 @pytest.mark.parametrize(
     ("change", "remedy", "mapped"),
@@ -269,8 +278,10 @@ ASKEW, YAW = Rotation.from_euler("zy", (90, -90), degrees=True), Rotation.from_e
         ),
         (lambda turn: UP * turn * UP.inv(), "and from the right by [0.707, 0.707, 0, 0]", None),
         (lambda turn: turn.inv(), "change the sign of qx, qy and qz", None),
+        (lambda turn: misread(turn, False), "write `orientation: {order: xyzw, ..}` in map.yaml", MOUNTED),
+        (lambda turn: misread(turn, True), "write `orientation: {order: wxyz, ..}` in map.yaml", MOUNTED),
     ],
-    ids=["world", "world mapped", "body", "body mapped", "body askew", "body mounted", "frame", "inverse"],
+    ids=["world", "world mapped", "body", "body mapped", "body askew", "body mounted", "frame", "inverse", "x first", "w first"],
 )
 def test_attitudes_in_another_frame_than_the_tips_are_refused_with_the_turn_that_is_missing(
     change: Callable[[Rotation], Rotation], remedy: str, mapped: Mapped | None
@@ -291,8 +302,7 @@ def test_a_frame_that_explains_tips_and_orientations_is_named_although_the_mount
         turn = quarter * Rotation.from_quat(r.orientation, scalar_first=True) * mount.inv() * quarter.inv() * mount
         tip = tuple(quarter.apply(r.tip).tolist())
         rows.append(replace(r, tip=tip, orientation=tuple(turn.as_quat(scalar_first=True).tolist())))
-    mapped = Mapped(mount=tuple(mount.as_quat(scalar_first=True).tolist()))
-    found = read(ROBOT, replace(Table.of(rows), mapped=mapped))
+    found = read(ROBOT, replace(Table.of(rows), mapped=Mapped(mount=tuple(mount.as_quat(scalar_first=True).tolist()))))
     assert not found.refused and "write `frame: {x: y, y: -x, z: z}` in map.yaml" in found.asked[0]
 
 

@@ -45,8 +45,7 @@ def dense_log_evidence(linear: Linear, prior: SizePrior, size: float) -> float:
 @pytest.mark.parametrize("mean", [[0.0, 0.0, 0.0], [0.0, 0.3, -1.2]])
 def test_log_evidence_equals_the_gaussian_marginal_likelihood(size: float, variance: list[float], mean: list[float]) -> None:
     linear, prior = small_problem(), SizePrior(np.array(mean), np.array(variance), WIDE)
-    got = linear.reduced(size, 0.0).update(prior)[0]
-    assert got == pytest.approx(dense_log_evidence(linear, prior, size), abs=1e-9)
+    assert linear.reduced(size, 0.0).update(prior)[0] == pytest.approx(dense_log_evidence(linear, prior, size), abs=1e-9)
 
 
 def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_noise_do() -> None:
@@ -81,8 +80,7 @@ def test_an_effect_is_weighed_with_the_prior_within_its_bounds_and_on_its_side_o
     prior = sum(norm.cdf(high / sd) - norm.cdf(low / sd) for low, high in sides)
     exact = np.log(sum(quad(joint, low, high)[0] for low, high in sides) / prior)
     grid = replace(ONE, spikes=np.array([0.1 if hypothesis else sd]))
-    found = weigh(linear, grid, parameters(1, lower=lower), [hypothesis])[0]
-    assert found.log_evidence == pytest.approx(exact, abs=1e-6)
+    assert weigh(linear, grid, parameters(1, lower=lower), [hypothesis])[0].log_evidence == pytest.approx(exact, abs=1e-6)
 
 
 def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
@@ -160,8 +158,7 @@ def matrix() -> np.ndarray:
     """Columns that all rows have, two of each trial, one of two trials together, and one of nothing, in no order."""
     one_hot = (TRIAL[:, None] == np.arange(TRIALS)).astype(float)
     two = (TRIAL[:, None] == 2).astype(float) + (TRIAL[:, None] == 3)
-    parts = [np.ones((N, 3)), one_hot, one_hot, two * (np.arange(N) % 2)[:, None], np.zeros((N, 1))]
-    whole = np.hstack(parts)
+    whole = np.hstack([np.ones((N, 3)), one_hot, one_hot, two * (np.arange(N) % 2)[:, None], np.zeros((N, 1))])
     return (DRAW.normal(size=whole.shape) * whole)[:, DRAW.permutation(whole.shape[1])]
 
 

@@ -22,7 +22,7 @@ from model.errors import BadEffect
 from model.prediction import Predictor
 from model.robot import Robot
 from recordings.trials import Table
-from tests.diagnosis.small_campaigns import SOME, answer, campaign, measured, moved_by, quick
+from tests.diagnosis.small_campaigns import FEW, SOME, answer, campaign, measured, moved_by, quick
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.diagnosis.test_edits import FINGER, read
 from tests.lab.diagnosed_case import campaign as bending
@@ -56,6 +56,13 @@ def test_robot_yaml_reads_back_and_compares_as_the_fit_said(fitted: Fitted, camp
     assert "angle: {value: " in path.read_text() and load(path, Robot) == fitted.robot
     found = comparison(Case(fitted.robot, campaign.table))
     assert 1e3 * found.table.rmse == pytest.approx(fitted.left_mm, rel=1e-3)
+
+
+def test_the_other_kind_of_thrust_is_named_where_with_it_alone_the_model_is_near() -> None:
+    on_walls = measured(1, 3, FEW, chamber_thrust__share=1.0)
+    for stated, other, words in ((None, "walls", 1), ("cap", "walls", 1), ("walls", "cap", 0)):
+        notes = comparison(Case(ROBOT.replace(thrust=stated), on_walls.table)).notes
+        assert sum(f"write `thrust: {other}` in robot.yaml" in note for note in notes) == words, notes
 
 
 def test_an_effect_in_robot_yaml_is_part_of_the_baseline_that_is_diagnosed(fitted: Fitted, campaign: Measured) -> None:

@@ -65,8 +65,7 @@ class Made:
         before = max(r.trial for r in [*self.start.table.rows, *self.rows])
         out = []
         for i in range(len(table["trial"])):
-            own = forward.observations.row == i
-            tip = values[own] + 0.3e-3 * rng.standard_normal(3) + self.shifted
+            tip = values[forward.observations.row == i] + 0.3e-3 * rng.standard_normal(3) + self.shifted
             cells = {name: column[i].item() for name, column in table.items() if name not in ("x", "y", "z")}
             cells |= dict(zip("xyz", tip.tolist(), strict=True)) | {"step": i + 1, "trial": int(cells["trial"]) + before}
             out.append(TrialRow.from_cells(cells))

@@ -60,8 +60,7 @@ def test_without_repeats_the_usual_values_are_returned_and_said_to_be_no_measure
 
 
 def test_the_rms_of_a_reading_is_its_spread_about_the_mean_of_its_condition() -> None:
-    data = repeated(2, 0.3e-3, 0.0, 0.0)
-    assert reading_rms(data, np.ones(3, bool)) == pytest.approx(math.sqrt(3) * 0.3e-3, rel=0.1)
+    assert reading_rms(repeated(2, 0.3e-3, 0.0, 0.0), np.ones(3, bool)) == pytest.approx(math.sqrt(3) * 0.3e-3, rel=0.1)
 
 
 def test_what_drifts_over_the_campaign_is_no_noise() -> None:

@@ -82,8 +82,7 @@ def test_what_does_the_same_takes_the_place_of_an_effect_that_is_named() -> None
 def test_a_relative_of_size_zero_does_nothing_and_moves_some_reading(id: str) -> None:
     design = design_from_columns(ROBOT, table_columns(states(measured(2, 4, FEW))[0]))
     plain, with_it = (ForwardModel(ROBOT, design, "one", effects, every_law=True) for effects in ({}, {id: RELATIVES[id]}))
-    theta = np.zeros(len(with_it.parameters))
-    y, slope = with_it.linearise(theta, with_it.index(id))
+    y, slope = with_it.linearise(np.zeros(len(with_it.parameters)), with_it.index(id))
     assert y == pytest.approx(plain.predict(np.zeros(len(plain.parameters))), abs=1e-9)
     assert np.abs(slope).max() > 0
 

@@ -67,8 +67,7 @@ def test_a_large_effect_is_told_and_one_that_carries_little_is_not(design: Plann
     assert sums["self_weight"] < sums["chamber_azimuth"]
     assert found.right95[0] <= found.right <= found.right95[1] and abs(found.right - found.stated) < 0.25
     assert all(share >= 0.1 and effect in EFFECTS for effect, _, share in found.pairs)
-    again = power(design, tuple(EFFECTS), each=20, clutter=(0.0,))
-    assert again.to_dict() == found.to_dict()
+    assert power(design, tuple(EFFECTS), each=20, clutter=(0.0,)).to_dict() == found.to_dict()
 
 
 def test_additions_are_of_the_menu_and_sorted_by_what_they_bring_in_time(plan: Case) -> None:

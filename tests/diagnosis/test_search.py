@@ -40,8 +40,7 @@ def test_an_effect_far_behind_is_fitted_alone_to_its_end(acting: str, rival: str
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("clutter", [0.0, 0.1])
 def test_no_effect_is_ranked_first_where_there_is_none(seed: int, clutter: float) -> None:
-    found = Search(toy_problem(seed, {}, clutter=clutter)).run()
-    assert posterior(found, len(IDS)).ranking[0][0] == NONE
+    assert posterior(Search(toy_problem(seed, {}, clutter=clutter)).run(), len(IDS)).ranking[0][0] == NONE
 
 
 def test_a_fit_stays_within_bounds() -> None:
@@ -123,8 +122,7 @@ class _Wavering(_Snapping):
 
 def test_a_step_that_turns_out_to_have_no_equilibrium_is_taken_back() -> None:
     problem = replace(toy_problem(4, {"bent": 1.0}), forward=_Wavering(Grid()))
-    prior = problem.parameters.prior_of(("bent",))
-    fitted = fit(problem, prior, 0.0, np.zeros_like(problem.parameters.sd), 6)
+    fitted = fit(problem, problem.parameters.prior_of(("bent",)), 0.0, np.zeros_like(problem.parameters.sd), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.cost)
     assert fitted.theta[IDS.index("bent")] <= 0.5
 

@@ -116,8 +116,7 @@ def test_each_conclusion_has_its_sentences(found: Diagnosis, conclusion: str, to
 
 
 def test_what_calibration_changed_is_part_of_the_statement() -> None:
-    steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 25.2, steps)
+    gap = Waterfall("leave one trial out", 40, 25.2, (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),))
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(0.88, 1.0))
     text = statement(found)
     assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
@@ -171,13 +170,11 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
 
 
 def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:
-    steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 42.0, steps)
+    gap = Waterfall("leave one trial out", 40, 42.0, (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),))
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(1.0, 1.0))
     found = replace(found, detail={**found.detail, "first_calibration": {"adjusted": [{"code": "refitted"}]}})
     assert statement(found).startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above")
-    a = attribute("none", "noise", p=0.9)
-    said = line(a, by_calibration=1.0, calibrated="azimuth of the first chamber")
+    said = line(attribute("none", "noise", p=0.9), by_calibration=1.0, calibrated="azimuth of the first chamber")
     assert said == "Calibration closes 100 % of the gap (azimuth of the first chamber); no other cause is needed (p = 0.90)."
     assert len(said.split()) <= 20
 
@@ -426,6 +423,8 @@ def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_e
     changed = changed_by(replace(NOTHING, calibration=found))
     assert changed == "a body 25 % stiffer or tip payload +117 g"
     assert changed_by(replace(NOTHING, calibration=replace(found, alike=found.alike[1:]))) == "a body 25 % stiffer"
+    creeping = replace(NOTHING, calibration=replace(found, alike=()), attribute=attribute("effect", "cause", {}, "viscoelastic"))
+    assert changed_by(creeping) == "a body 25 % stiffer before it creeps"
     for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
         said = line(which, by_calibration=1.0, calibrated=changed, alone=True)
         assert (f"({changed})" in said or f"gap: {changed} (p" in said) and len(said.split()) <= MOST_WORDS
@@ -452,8 +451,7 @@ def test_a_simulator_that_does_what_nobody_measures_has_the_gap() -> None:
 def attribute(
     verdict: Verdict, conclusion: Conclusion, sizes: dict[str, Value] | None = None, *effects: str, p: float = 0.96
 ) -> Attribute:
-    ranking = (Ranked(effects, p, 10.0, None, sizes or {}),)
-    return Attribute(verdict, effects, p, ranking=ranking, conclusion=conclusion)
+    return Attribute(verdict, effects, p, ranking=(Ranked(effects, p, 10.0, None, sizes or {}),), conclusion=conclusion)
 
 
 def line(a: Attribute, closed: float | None = None, words: Words = Chambers.words, **known: Any) -> str:
@@ -496,6 +494,7 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     assert two == "Most likely friction of the tendons, difference between the areas of the chambers (p = 0.96)."
     vain = line(attribute("effect", "one of several", {}, "tether", p=0.77), closed=0.02)
     assert vain.startswith("Unclear: no effect closes the gap; the closest is") and vain.endswith("(p = 0.77).")
+    assert StageError("load", "experiment", 20.0).varies.startswith("varies with the kind of trial (which {actuators} act")
     asking = (StageError("material", "spine_length", 20.0),)
     unknown = line(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking))
     assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")
@@ -529,8 +528,7 @@ def test_where_most_of_the_gap_lies_is_said_where_no_known_cause_fits() -> None:
 
 def tied(effect: str, sizes: dict[str, Value], p: float, other: str, q: float, found: dict[str, Value]) -> str:
     a = attribute("effect", "one of several", sizes, effect, p=p)
-    second = Ranked((other,) if other else (), q, 9.0, None, found)
-    return line(replace(a, ranking=(*a.ranking, second)))
+    return line(replace(a, ranking=(*a.ranking, Ranked((other,) if other else (), q, 9.0, None, found))))
 
 
 def test_no_more_is_said_of_several_causes_than_their_names() -> None:

@@ -109,5 +109,4 @@ def toy_problem(seed: int, truth: dict[str, float], sd: float = 0.3 * MM, clutte
     state, channel = np.repeat(np.arange(n), 3), np.tile(np.arange(3), n)
     where = settings(grid.length, grid.pressure, grid.branch, np.zeros(n), ROBOT_LENGTH)
     smooth = smooth_errors(where, state, np.array(["x", "y", "z"])[channel], sd, ROBOT_LENGTH)
-    noise = Noise(state, np.full(y.size, sd), np.zeros((y.size, 1)), Lasting.none(y.size))
-    return Problem(forward, p, y, noise, smooth)
+    return Problem(forward, p, y, Noise(state, np.full(y.size, sd), np.zeros((y.size, 1)), Lasting.none(y.size)), smooth)

@@ -58,8 +58,7 @@ def test_the_pages_in_the_repository_are_those_that_the_code_makes(reference: di
 
 
 def test_a_field_has_its_unit_its_limits_its_default_and_its_meaning(reference: dict[str, str]) -> None:
-    row = "- `standoff`: 0.08 m, (0, 0.3]. Distance from the specimen's axis"
-    assert row in reference["rig"]
+    assert "- `standoff`: 0.08 m, (0, 0.3]. Distance from the specimen's axis" in reference["rig"]
 
 
 def test_every_page_of_the_reference_is_in_its_list(reference: dict[str, str]) -> None:

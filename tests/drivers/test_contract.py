@@ -121,8 +121,7 @@ WRONG = {
 
 @pytest.mark.long
 def test_a_driver_that_is_wrong_in_one_respect_fails_the_test_of_that_and_no_other(tmp_path: Path) -> None:
-    package = ROOT / "tests/drivers/bench_range"
-    done, report = contract(install(tmp_path, package), tmp_path, "range_", "gauge_")
+    done, report = contract(install(tmp_path, ROOT / "tests/drivers/bench_range"), tmp_path, "range_", "gauge_")
     failed = {name: fault for name, fault in report.items() if fault}
     assert failed.keys() == {f"test_{test}[{driver}]" for driver, (test, _) in WRONG.items()}, done.stdout
     assert report["test_it_does_not_open_another_device[range_right]"] is None  # not skipped

@@ -51,8 +51,7 @@ def test_composing_quaternions_multiplies_matrices(
 @given(vectors)
 def test_a_rotation_vector_is_its_own_axis_and_angle(vector: tuple[float, float, float]) -> None:
     matrix = rotation_from_vector(vector)
-    angle = math.hypot(*vector)
-    assert np.trace(matrix) == pytest.approx(1 + 2 * math.cos(angle), abs=1e-9)
+    assert np.trace(matrix) == pytest.approx(1 + 2 * math.cos(math.hypot(*vector)), abs=1e-9)
     assert matrix @ np.array(vector) == pytest.approx(np.array(vector), abs=1e-9)
 
 

@@ -189,8 +189,7 @@ def test_a_sensor_at_rest_is_never_refused() -> None:
     device = Ft300sDevice(Plant(9), np.random.default_rng(7), np.array([0.0, 0.0, 0.1]))
     for samples, times in ((2, 300), (5, 300), (20, 200), (100, 200)):
         for _ in range(times):
-            readings = [tuple(device.counts() / COUNTS) for _ in range(samples)]
-            assert not unrest(readings)
+            assert not unrest([tuple(device.counts() / COUNTS) for _ in range(samples)])
 
 
 def test_a_zero_of_one_reading_is_taken_as_it_is(opened: FT300S) -> None:

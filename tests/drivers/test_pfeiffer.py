@@ -26,8 +26,7 @@ def test_readings_are_absolute_pascals(opened: Opened, fake: PfeifferFake, plant
     fake.noise = 0.0
     plant.vacuum_absolute = pascal
     timing.sleep(0.05)  # the fake's cell sees the plant once
-    gauge = opened()
-    assert gauge.read().absolute == pytest.approx(pascal, rel=5.1e-4)
+    assert opened().read().absolute == pytest.approx(pascal, rel=5.1e-4)
 
 
 @pytest.mark.parametrize("pascal", [200_000.0, 50.0])

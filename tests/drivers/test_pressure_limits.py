@@ -79,8 +79,7 @@ def test_a_set_of_three_is_made_by_its_channel_alone() -> None:
 
 
 def test_nine_separate_channels_make_any_pattern() -> None:
-    pattern = {i: 1e3 * i for i in range(1, 10)}
-    assert ChamberMap(NINE).setpoints(pattern) == tuple(1e3 * i for i in range(1, 10))
+    assert ChamberMap(NINE).setpoints({i: 1e3 * i for i in range(1, 10)}) == tuple(1e3 * i for i in range(1, 10))
 
 
 ONE_OF_NINE = ChamberMap([[1], [2]], 9)

@@ -62,8 +62,7 @@ def test_each_block_holds_every_condition_once(grouped: bool) -> None:
 
 def test_the_order_in_a_block_differs_from_block_to_block_and_follows_from_the_seed() -> None:
     slots = ordered([["a"] * 8], 3, 5, True)
-    blocks = [[cell for block, cell in slots if block == k] for k in (1, 2, 3)]
-    assert len({tuple(b) for b in blocks}) == 3
+    assert len({tuple(cell for block, cell in slots if block == k) for k in (1, 2, 3)}) == 3
     assert slots == ordered([["a"] * 8], 3, 5, True) != ordered([["a"] * 8], 3, 6, True)
 
 

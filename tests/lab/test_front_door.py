@@ -186,8 +186,7 @@ def test_what_follows_two_dashes_or_asks_for_help_is_no_unknown_option(words: li
 
 def test_the_table_and_the_modules_name_the_same_verbs() -> None:
     modules = {f"lab.{module}" for group in GROUPS.values() for module, _ in group.values()}
-    declarations = [verb.name for module in modules for verb in import_module(module).VERBS]
-    assert sorted(declarations) == sorted(VERBS)
+    assert sorted(verb.name for module in modules for verb in import_module(module).VERBS) == sorted(VERBS)
 
 
 @pytest.mark.parametrize("verb", VERBS)

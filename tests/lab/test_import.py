@@ -26,7 +26,7 @@ from diagnosis.edits.reading import read as judged
 from lab.files.config import ConfigError, load, read_yaml
 from lab.files.map_file import Frame, Plateaus, Source, map_of
 from lab.imports.formats import read
-from lab.imports.headings import heading, quantity
+from lab.imports.headings import heading, quadruples, quantity
 from lab.imports.trials import plateaus
 from model.robot import Robot
 from recordings.table_file import read_csv
@@ -400,6 +400,8 @@ def test_plateaus_are_where_every_pressure_stands() -> None:
 def test_headings(name: str, said: tuple[tuple[str, ...], str]) -> None:
     assert (heading(name).words, heading(name).unit) == said
 
+    assert quadruples([heading(n) for n in ("q0", "qx", "qy", "qz", "tip_q0")]) == [("q0", "qx", "qy", "qz")]
+    assert quadruples([heading(f"Tip quat{k}") for k in (1, 2, 3, 0)]) == [tuple(f"Tip quat{k}" for k in range(4))]
     assert quantity(heading("Payload [g]")) == "tip_mass" and quantity(heading("colour")) is None
 
 

@@ -19,7 +19,7 @@ import lab
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from diagnosis.data.case import campaign_of
 from lab.files.config import ConfigError, load
-from lab.files.jumps import believed, strays
+from lab.files.jumps import believed, copies, strays
 from lab.imports.proposal import Guess
 from lab.imports.table import Imported
 from lab.verbs.import_data import grouped
@@ -265,6 +265,10 @@ def test_copies_count_once_and_repeats_that_nothing_scatters_are_none(scatters: 
         read = lab.case(Table.joined([replace(table, warnings=())] * 2).to_frame(), ROBOT).table
     assert len(read) == (1 if scatters else 2) * STATES
     assert any("repeats trial 1 step 1 to trial 6 step 5 to the last digit" in str(w.message) for w in said) == scatters
+    still = table.replaced({n: np.where(np.arange(STATES) == 7, np.roll(table[n], 1), table[n]) for n in digits if n[0] != "p"})
+    every = np.arange(2 * STATES)
+    left_out = [row for rows, _ in copies(campaign_of(Table.joined([still] * 2), every, every[:0])) for row in rows.tolist()]
+    assert left_out == [*range(STATES, 2 * STATES)] * scatters  # a tracker that stands still and its copy, too
 
 
 @pytest.mark.parametrize(
@@ -346,8 +350,7 @@ def test_what_is_wrong_under_files_is_named(own: dict[str, Any], said: str, tmp_
 
 def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path: Path) -> None:
     def at(start: float) -> str:
-        rows = [[1.7e9 + start + r[0], *r[1:]] for r in FEW]
-        return text(rows, headings=NAMES, change=with_middle)
+        return text([[1.7e9 + start + r[0], *r[1:]] for r in FEW], headings=NAMES, change=with_middle)
 
     made = read_all(tmp_path, {"late.csv": at(1000), "early.csv": at(0)})
     assert any("in the order of their times: early.csv, late.csv" in n for n in made.notes)
@@ -394,8 +397,7 @@ def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp
     made = read_all(tmp_path, {"a.csv": text(rows, headings=NAMES, change=with_middle)}, trials={"begin": "file"})
     assert any("times begin again once, first in line 17 (56 s to 0 s)" in n for n in made.notes)
     assert np.flatnonzero(np.diff(made.table["trial"])).tolist() == [14] and (np.diff(made.table["t"]) > 0).all()
-    late = [*FEW[:8], FEW[9], FEW[8], *FEW[10:]]
-    made = read_all(tmp_path, {"a.csv": text(late, headings=NAMES, change=with_middle)})
+    made = read_all(tmp_path, {"a.csv": text([*FEW[:8], FEW[9], FEW[8], *FEW[10:]], headings=NAMES, change=with_middle)})
     assert any("1 rows are earlier than the row before (first: line 11)" in n for n in made.notes)
     assert tips(made.table)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
 

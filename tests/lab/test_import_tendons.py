@@ -429,8 +429,7 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(trunk: Trun
     trunk.map.write_text(text)
     trunk.imported()
     own = trunk.case().take(np.array([0]))
-    model = Predictor(lab.load_robot(trunk.robot))(own.pressures).tip
-    assert own.tip == pytest.approx(model, abs=0.003)
+    assert own.tip == pytest.approx(Predictor(lab.load_robot(trunk.robot))(own.pressures).tip, abs=0.003)
 
 
 def test_groups_of_tendons_are_no_clock_times() -> None:

@@ -139,8 +139,7 @@ def test_a_table_that_never_rests_has_the_trials_of_its_columns(tmp_path: Path) 
 def test_trials_that_follow_each_other_at_rest_are_kept(tmp_path: Path) -> None:
     levels = (0, 350, 0, 0, 0, 0)
     content = table(levels, lambda s, r, g, i, k: (str(10 * s + max(i - 1, 1)),), ("run",), repeats=1, groups=((1,), (2,)))
-    made = by_map(tmp_path, content, trials={"change": ["run"]})
-    assert lengths(made) == [3, 1, 1, 1, 3, 1, 1, 1]
+    assert lengths(by_map(tmp_path, content, trials={"change": ["run"]})) == [3, 1, 1, 1, 3, 1, 1, 1]
 
 
 def test_what_a_gauge_reads_at_rest_is_asked_about_unless_the_map_states_its_zero(tmp_path: Path) -> None:
@@ -219,6 +218,12 @@ def test_repeats_that_are_the_same_for_trials_alike_are_asked_about(tmp_path: Pa
     content = table(TWO_RESTS, lambda s, r, g, i, k: ("1", str(50 * r)), ("Wiederholung", "Haken [g]"))
     made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})
     assert any("column 'Haken [g]' differs between them and is not used: map it, e.g. as tip_mass" in n for n in made.notes)
+    (said,) = [n for n in made.notes if "'Haken [g]' is not used" in n]
+    assert "if it loads the tip, write `tip_mass: {column: Haken [g], unit: g}` under columns" in said
+    for heading, cell, key in (("push [N]", "0.5", "write `force_z: "), ("weight_g", "0", ""), ("scale_g", "{k}", "")):
+        content = table(TWO_RESTS, lambda s, r, g, i, k, cell=cell: (cell.format(k=k),), (heading,))  # type: ignore[misc]
+        notes = by_map(tmp_path, content, trials={"begin": "rest"}).notes
+        assert [key in n for n in notes if "is not used" in n] == [True] * bool(key), notes
 
 
 def test_a_trial_column_says_where_trials_begin_and_a_change_under_pressure_is_noted(tmp_path: Path) -> None:

@@ -148,8 +148,7 @@ def test_a_proposal_is_written_with_units_and_reads_as_it_was_meant(tmp_path: Pa
     assert set(offered()) == MENU
     for experiment in offered().values():
         path = written(tmp_path, experiment)
-        told = yaml.safe_load(path.read_text())
-        assert all(str(p).endswith(" kPa") for p in told.get("pressures", []))
+        assert all(str(p).endswith(" kPa") for p in yaml.safe_load(path.read_text()).get("pressures", []))
         name = experiment.protocol["protocol"]
         values = {key: value for key, value in experiment.protocol.items() if key != "protocol"}
         meant = found_protocols().usable[name].parameters.model_validate(values)

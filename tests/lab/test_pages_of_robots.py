@@ -56,8 +56,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     ]  # fmt: skip
     design = design_from_columns(robot, {name: np.array([c[name] for c in cells]) for name in cells[0]})
     forward = ForwardModel(robot, design, area_factor=1.5)
-    theta = np.array([ANGLE if p.name == "chamber_azimuth.angle" else 0.0 for p in forward.parameters])
-    read = forward.predict(theta)
+    read = forward.predict(np.array([ANGLE if p.name == "chamber_azimuth.angle" else 0.0 for p in forward.parameters]))
     tip = np.stack([read[forward.observations.channel == axis] for axis in "xyz"], axis=1)
     tip += 0.1e-3 * np.random.default_rng(5).normal(size=tip.shape)
     rows = [TrialRow.from_cells({**c, **dict(zip("xyz", map(float, at), strict=True))}) for c, at in zip(cells, tip, strict=True)]
@@ -72,8 +71,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
 def test_page_json_and_statement_say_nothing_of_spines(made: tuple[Path, Path, Path]) -> None:
     _, answer, page = made
     found = json.loads(answer.read_text())
-    text = re.sub(r'src="[^"]*"', "", page.read_text())
-    assert "spine" not in text.lower()
+    assert "spine" not in re.sub(r'src="[^"]*"', "", page.read_text()).lower()
     assert "spine" not in " ".join((found["headline"], found["statement"], *found["concerns"])).lower()
     assert not [c["effect"] for c in found["budget"] if CATALOGUE[c["effect"]].id.startswith("spine")]
 
@@ -203,8 +201,7 @@ def test_names_and_units_are_those_that_were_recorded_and_without_units_there_ar
 
 def test_every_quantity_is_drawn_in_one_row_and_with_each_axis_in_a_panel_of_its_own(tmp_path: Path) -> None:
     picture = matplotlib.image.imread(in_a_row(sensors(table(), Chambers.words), tmp_path / "sensors.png"))
-    dark = picture[..., :3].min(axis=2) < 0.5
-    assert all(np.mean(part) > 0.001 for part in np.array_split(dark, 4))
+    assert all(np.mean(part) > 0.001 for part in np.array_split(picture[..., :3].min(axis=2) < 0.5, 4))
     panels = [matplotlib.image.imread(path) for path in apart(sensors(table(), Chambers.words), tmp_path / "sensors.png")]
     assert len(panels) == 4
     assert all(panel.shape[1] < 700 for panel in panels)  # at 150 dots an inch: no wider than a phone

@@ -66,8 +66,9 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
         ),
         (("--tendons", 4, "--length", "9 cm", "--chamber-radius", "4 mm"), "--chamber-radius 4 mm: is of chambers"),
         (("--chambers", 3, "--length", "9 cm", "--instruments", "mocap"), "--instruments mocap: needs --rig"),
+        (("--chambers", 3, "--length", "9 cm", "--rig", tmp_path / "rig"), r"rig: must end in \.yaml: write .*rig\.yaml$"),
     ):
-        assert re.search(said, cli("init", *given, "--out", tmp_path / "b", code=2).flat_err)
+        assert re.search(said, cli("init", *given, "--out", tmp_path / "b.yaml", code=2).flat_err)
 
 
 @pytest.mark.parametrize("instruments", ["pressure,mocap", "pressure=smc_itv", "pressure,arm=ur5,force=ft300s", "spine=tmcl"])
@@ -380,8 +381,7 @@ def test_a_table_that_becomes_a_number_stays_as_a_comment() -> None:
         "#     0.2: 1.45              # calliper",
     ]
     assert robot_of(text) == robot
-    back = robot_yaml(robot_of(ARM), text)
-    assert lines(text, back) == (["area_factor: 1.31"], ["area_factor: {0.0: 1.2, 0.2: 1.45}"])
+    assert lines(text, robot_yaml(robot_of(ARM), text)) == (["area_factor: 1.31"], ["area_factor: {0.0: 1.2, 0.2: 1.45}"])
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])

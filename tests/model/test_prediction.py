@@ -258,8 +258,7 @@ def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(
     assert np.sqrt((off**2).sum(axis=1).mean()) < 0.3 * np.sqrt((missed**2).sum(axis=1).mean())
     left = []
     for out in np.unique(trial):
-        rest = tuple(s for s in found.learnt if s[0] != out)
-        anew = LearntResidual(found.model_copy(update={"learnt": rest}))
+        anew = LearntResidual(found.model_copy(update={"learnt": tuple(s for s in found.learnt if s[0] != out)}))
         own = trial == out
         left.append(missed[own] - anew(pressure[own], length[own]).mean)
     expected = np.sqrt((np.concatenate(left) ** 2).sum(axis=1).mean())

@@ -95,10 +95,9 @@ UNITLESS = {
 
 def test_every_number_tells_its_unit() -> None:
     schema = Robot.model_json_schema()
-    owners = {"Robot": schema, **schema["$defs"]}
     silent = [
         f"{owner}.{field}"
-        for owner, body in owners.items()
+        for owner, body in {"Robot": schema, **schema["$defs"]}.items()
         for field, spec in body["properties"].items()
         if field not in UNITLESS and "unit" not in spec
     ]

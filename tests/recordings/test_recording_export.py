@@ -50,8 +50,7 @@ def test_every_column_is_described_with_unit_and_time_base(recording: Recording,
     rows = {(row["file"], row["column"]): row for row in csv.DictReader(files["columns"].read_text().splitlines())}
     for name, path in files.items():
         if name != "columns":
-            heads = path.read_text().splitlines()[0].split(",")
-            assert [column for of, column in rows if of == name] == heads
+            assert [column for of, column in rows if of == name] == path.read_text().splitlines()[0].split(",")
     assert rows["pressure", "measured_2"]["unit"] == "Pa" and rows["pressure", "measured_2"]["meaning"].startswith("chamber 2;")
     assert [rows["tip", f"orientation_{i}"]["meaning"].partition(";")[0] for i in range(1, 5)] == ["w", "x", "y", "z"]
     assert [rows["tip", f"markers_{i}"]["meaning"].partition(";")[0] for i in (1, 6)] == ["x of number 1", "z of number 2"]

@@ -166,8 +166,7 @@ def test_a_state_that_never_settles_says_what_stood_in_the_way() -> None:
 
 
 def test_what_was_at_rest_is_not_named_among_what_was_not() -> None:
-    short = replace(REST, timeout=8.0)
-    wrong = state(short, targets=(90e3, 60e3, 95e3, 0.0, 0.0, 0.0, 0.0, 0.0, 5e3))
+    wrong = state(replace(REST, timeout=8.0), targets=(90e3, 60e3, 95e3, 0.0, 0.0, 0.0, 0.0, 0.0, 5e3))
     said = raises(NotSettled, None, conclude, filled(Run().messages()), wrong)
     assert said.startswith("trial 1 step 2: not settled within 8 s: channel 2 is 2") and "set-point 60.0 kPa" in said
     assert said.endswith("1 further channels are off") and "the tip" not in said

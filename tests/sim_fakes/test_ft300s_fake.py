@@ -34,8 +34,7 @@ def ask(port: serial.Serial, body: str, first_byte: float = 20.0) -> bytes:
 
 def test_the_wrench_registers_are_big_endian_hundredths_and_thousandths(fake: Ft300sFake, port: serial.Serial) -> None:
     fake.device.noise[:] = 0.0
-    answer = ask(port, "09 03 00B4 0006")
-    assert struct.unpack(">6h", answer[3:]) == (150, -225, 3000, 125, -500, 1000)
+    assert struct.unpack(">6h", ask(port, "09 03 00B4 0006")[3:]) == (150, -225, 3000, 125, -500, 1000)
 
 
 @pytest.mark.parametrize(
@@ -50,8 +49,7 @@ def test_the_wrench_registers_are_big_endian_hundredths_and_thousandths(fake: Ft
     ],
 )
 def test_bad_requests_are_refused_with_the_modbus_code(port: serial.Serial, request_: str, code: int) -> None:
-    answer = ask(port, request_)
-    assert answer == bytes((9, bytes.fromhex(request_)[1] | 0x80, code))
+    assert ask(port, request_) == bytes((9, bytes.fromhex(request_)[1] | 0x80, code))
 
 
 @pytest.mark.parametrize("request_", ["05 03 00B4 0001", "09 03 00B4 0001 00", "09 10 019A 0001 03 0200"])

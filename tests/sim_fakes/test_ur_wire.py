@@ -62,8 +62,7 @@ def client(process: UrProcess) -> Iterator[Client]:
 
 
 def test_the_stream_begins_after_start_steps_by_one_cycle_and_ends_with_pause(client: Client) -> None:
-    types = client.ask("O", struct.pack(">d", 125.0) + b"timestamp,actual_q,")
-    assert types == b"\x01DOUBLE,VECTOR6D"
+    assert client.ask("O", struct.pack(">d", 125.0) + b"timestamp,actual_q,") == b"\x01DOUBLE,VECTOR6D"
     assert client.ask("S") == b"\x01"
     packages = [client.receive() for _ in range(20)]
     stamps = [struct.unpack(">B7d", body)[1] for kind, body in packages if kind == "U"]
@@ -86,8 +85,7 @@ def test_the_rate_is_the_top_rate_over_a_whole_number(process: UrProcess, client
         assert client.ask("O", struct.pack(">d", asked) + b"timestamp")[0] == 1
         assert client.ask("S") == b"\x01"
         stamps = [struct.unpack(">Bd", client.receive()[1])[1] for _ in range(5)]
-        steps = [b - a for a, b in zip(stamps, stamps[1:], strict=False)]
-        assert steps == pytest.approx([0.008 * cycles] * 4)
+        assert [b - a for a, b in zip(stamps, stamps[1:], strict=False)] == pytest.approx([0.008 * cycles] * 4)
         client.send("P")
         assert any(kind == "P" for kind, _ in iter(client.receive, None))
     assert client.ask("O", struct.pack(">d", 0.5) + b"timestamp")[0] == 0

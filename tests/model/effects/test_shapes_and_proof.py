@@ -55,8 +55,7 @@ def test_a_backbone_runs_from_the_mount_to_the_tip_that_is_read(paper_robot: Rob
     assert curves.shape == (len(made.still), 61, 3)
     assert np.abs(curves[:, 0]).max() < 1e-6
     assert curves[:, -1] == pytest.approx(made.tips(turned), abs=1e-6)
-    long = np.linalg.norm(np.diff(curves, axis=1), axis=2).sum(axis=1)
-    assert long == pytest.approx(paper_robot.length, rel=0.08)
+    assert np.linalg.norm(np.diff(curves, axis=1), axis=2).sum(axis=1) == pytest.approx(paper_robot.length, rel=0.08)
 
 
 def test_the_model_on_other_states_keeps_area_and_obstacle(paper_robot: Robot) -> None:
