@@ -38,6 +38,7 @@ from .data.case import Case, states
 from .errors import BadCase
 from .inference.budget import after_calibration
 from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
+from .inference.linear import Reduced
 from .inference.posterior import hypothesis_prior
 from .inference.prepare import parts, prepare
 from .inference.problem import leading
@@ -133,18 +134,17 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     evidence = np.empty((len(named), len(readings)))
     for i, h in enumerate(named):
         mask, terms = p.mask(h), []
-        for g, row in enumerate(replace(with_readings, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
-            for f, accumulated in enumerate(row):
-                gram, misfit = accumulated.information, np.diag(accumulated.information)[k:]
-                of_worlds = replace(accumulated, information=gram[:k, :k], score=gram[k:, :k])
-                for s, (spike, slab) in enumerate(zip(KNOWN.spikes, KNOWN.slabs, strict=True)):
-                    prior = p.prior(mask, float(spike), float(slab), linear.effect_size)
-                    log_p, mean, covariance = of_worlds.update(prior)
-                    cut = replace(prior, variance=np.where(mask, prior.variance, 0.0))
-                    within_bounds = log_allowed_share(mean, np.diag(covariance)[None], cut, p)
-                    within_bounds = within_bounds - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
-                    terms.append(log_p - 0.5 * misfit + within_bounds + KNOWN.log_weights[s, g, f])
-        evidence[i] = logsumexp(terms, axis=0)
+        of_grid = replace(with_readings, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)
+        gram, misfit = of_grid.information, np.diagonal(of_grid.information, axis1=2, axis2=3)[..., k:]
+        of_worlds = Reduced(gram[:, :, None, :k, :k], gram[:, :, k:, :k], of_grid.base[..., None] - 0.5 * misfit)
+        for s, (spike, slab) in enumerate(zip(KNOWN.spikes, KNOWN.slabs, strict=True)):
+            prior = p.prior(mask, float(spike), float(slab), linear.effect_size)
+            log_p, mean, root = of_worlds.update(prior)
+            cut = replace(prior, variance=np.where(mask, prior.variance, 0.0))
+            within_bounds = log_allowed_share(mean, (root**2).sum(axis=-2), cut, p)
+            within_bounds -= log_allowed_share(prior.mean, prior.variance, cut, p)
+            terms.append(log_p + within_bounds + KNOWN.log_weights[s, ..., None])
+        evidence[i] = logsumexp(terms, axis=(0, 1, 2))
     score = evidence.T / TEMPERATURE + np.log([hypothesis_prior(h, len(d.effects)) for h in named])
     return named, softmax(score, axis=1) / (1 + SAME_ODDS)
 

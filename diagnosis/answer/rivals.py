@@ -124,7 +124,8 @@ class Rivals:
             covariance += max(c.grid_point.size, COMPARED_DISCREPANCY) ** 2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
             by_pressure = slope[:, [i for name, i in names.items() if name == OFFSET]]
-            covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
+            root = noise_to_come(p.noise_components, observed, forward.design, by_pressure).colour(np.eye(len(mean)))
+            covariance += root @ root.T  # R
             for effect in c.named:
                 contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))
                 if np.isfinite(contribution).all():

@@ -284,7 +284,7 @@ def beyond_tolerance(
     more = [counted(len(moved) - len(farthest), "more number")] * (len(moved) > len(farthest))
     moved = {i: value for i, value in moved.items() if i in farthest}
     numbers, slope = [*numbers_beyond(p.problem.parameters, moved, robot)], fit.derivatives(p.problem).every
-    white = np.transpose([slope.column(i) for i in moved])
+    white = slope.take(np.isin(np.arange(slope.shape[1]), [*moved])).whole
     unit = white / np.linalg.norm(white, axis=0)
     inflation = np.diag(np.linalg.inv(unit.T @ unit + np.finfo(float).eps * np.eye(len(moved))))
     alike = [number.values["name"] for number, factor in zip(numbers, inflation, strict=True) if factor > judgement.HARDLY_APART]

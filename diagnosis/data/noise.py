@@ -85,12 +85,6 @@ class Noise:
         return self._applied(white, lambda b: np.asarray(np.linalg.inv(b.white), float))
 
     @property
-    def covariance(self) -> Array:
-        """(n, n)"""
-        root = self.colour(np.eye(len(self.sd)))
-        return np.asarray(root @ root.T)
-
-    @property
     def log_sd(self) -> float:
         """Half the log determinant of the covariance."""
         return float(sum(b.log_sd for b in self._blocks))

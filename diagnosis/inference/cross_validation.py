@@ -74,8 +74,7 @@ class CrossValidation:
         models, part = wanted
         problem, seen = self._problem, self._fold != part
         rest = only(problem, seen)
-        predicted = (_predicted(problem, rest, model, self._linearised(model), seen) for model in models)
-        return [np.asarray((problem.observed - values)[~seen]) for values in predicted]
+        return [(problem.observed - _predicted(problem, rest, m, self._linearised(m), seen))[~seen] for m in models]
 
     def _linearised(self, model: Model) -> tuple[Array, Ints, Columns]:
         """Prediction (n,) at the parameters of a model, which of them it leaves free (c,), and derivatives (n, c) by these."""

@@ -107,54 +107,59 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     masks = np.array([parameters.mask(h) for h in named])
     if not linear.form_error.shape[1]:
         grid = replace(grid, form_errors=np.zeros(1))
-    log_weights = grid.log_weights
-    log_terms = np.empty((len(masks), *log_weights.shape))
-    most = np.full(len(masks), -np.inf)
-    means, covariances = np.zeros(masks.shape), np.zeros((*masks.shape, masks.shape[1]))
-    first, second = np.empty((2, *masks.shape, *log_weights.shape))
+    loaded = np.flatnonzero((masks & parameters.loads).any(axis=1))
     present = masks.any(axis=0) | bool((grid.spikes > 0).any())  # without tolerances what is not named is absent
     used = np.flatnonzero(present) if present.any() else np.zeros(1, np.int64)  # one at least, absent too
-    of_these = linear if present.all() else replace(linear, effects=linear.effects[:, used])
-    reduced = of_these.reductions(grid.sizes, grid.form_errors)
-    mean, covariance = np.zeros_like(means), np.zeros_like(covariances)
-    for i, (spike, slab) in enumerate(zip(grid.spikes, grid.slabs, strict=True)):
-        prior = parameters.prior(masks, float(spike), float(slab), linear.effect_size)
-        allowed_before = log_allowed_share(prior.mean, prior.variance, prior, parameters)
-        of_used = SizePrior(prior.mean[:, used], prior.variance[:, used], prior.wide[:, used])
-        for j, row in enumerate(reduced):
-            for k, problem in enumerate(row):
-                log_evidence, mean[:, used], covariance[:, used[:, None], used] = problem.update(of_used)
-                variance = np.diagonal(covariance, axis1=1, axis2=2)
-                # Each parameter is cut by itself.
-                cut = log_allowed_share(mean, variance, prior, parameters) - allowed_before
-                log_terms[:, i, j, k] = here = log_evidence + cut + log_weights[i, j, k]
-                first[:, :, i, j, k], second[:, :, i, j, k] = mean, variance + mean**2
-                higher = here > most
-                most[higher], means[higher], covariances[higher] = here[higher], mean[higher], covariance[higher]
+    effect_size = None if linear.effect_size is None else linear.effect_size[used]
+    if not present.all():
+        linear, parameters = replace(linear, effects=linear.effects[:, used]), parameters.of(used)
+    reduced, log_weights = linear.reductions(grid.sizes, grid.form_errors), grid.log_weights
+    log_terms = np.empty((len(masks), *log_weights.shape))
+    first, second = np.empty((2, *log_terms.shape, used.size))
+    for i, (spike, slab) in enumerate(zip(grid.spikes.tolist(), grid.slabs.tolist(), strict=True)):
+        rows = np.arange(len(masks))
+        if i and spike == grid.spikes[i - 1]:  # where no load is named, its size changes nothing
+            rows, log_terms[:, i] = loaded, log_terms[:, i - 1] - log_weights[i - 1] + log_weights[i]
+            first[:, i], second[:, i] = first[:, i - 1], second[:, i - 1]
+        prior = parameters.prior(masks[rows[:, None, None, None], used], spike, slab, effect_size)
+        log_evidence, mean, root = reduced.update(prior)
+        variance = (root**2).sum(axis=-2)
+        # Each parameter is cut by itself.
+        cut = log_allowed_share(mean, variance, prior, parameters)
+        cut -= log_allowed_share(prior.mean, prior.variance, prior, parameters)
+        log_terms[rows, i] = log_evidence + cut + log_weights[i]
+        first[rows, i], second[rows, i] = mean, variance + mean**2
     total = logsumexp(log_terms, axis=(1, 2, 3))
     weights = np.exp(log_terms - total[:, None, None, None])
-    averaged, square = (np.einsum("hpsgf,hsgf->hp", moment, weights) for moment in (first, second))
+    place, out = np.eye(masks.shape[1])[used], []
+    averaged, square = (np.einsum("hsgfp,hsgf->hp", moment, weights) @ place for moment in (first, second))
     sds = np.sqrt(np.maximum(square - averaged**2, 0.0))
-    return [Weighed(*own) for own in zip(total.tolist(), log_terms, means, covariances, averaged, sds, strict=True)]
+    for h, terms in enumerate(log_terms):
+        i, j, k = map(int, np.unravel_index(int(terms.argmax()), terms.shape))
+        prior = parameters.prior(masks[h, used], float(grid.spikes[i]), float(grid.slabs[i]), effect_size)
+        _, mean, root = reduced[j, k].update(prior)
+        out.append(Weighed(float(total[h]), terms, mean @ place, place.T @ (root.T @ root) @ place, averaged[h], sds[h]))
+    return out
 
 
 def log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters: FitParameters) -> Array:
-    """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named, and
+    """log of the share (...) of a normal (..., p) that lies within the bounds and off the small sizes of what is named, and
     within the bounds and the small sizes of what is tolerated."""
     sd = np.sqrt(np.maximum(variance, 1e-300))
     low, high, least = parameters.low, parameters.high, parameters.least_named
-    within = log_mass(mean, sd, low, high)
-    total = np.where(prior.wide, within, 0.0).sum(axis=1)
-    small = log_mass(mean, sd, np.maximum(low, -least), np.minimum(high, least)) - within
+    tolerated = parameters.sizes & ~prior.wide
+    below = np.where(tolerated, np.where(low < 0, -LARGEST_TOLERATED_SIZE, -np.inf), low)
+    above = np.where(tolerated, np.where(high > 0, LARGEST_TOLERATED_SIZE, np.inf), high)
+    within = log_mass(mean, sd, below, above)
+    total = np.where(prior.wide | (prior.variance > 0), within, 0.0).sum(axis=-1)
+    own = np.flatnonzero(prior.wide.reshape(-1, len(low)).any(axis=0))
+    wide, members = prior.wide[..., own], parameters.members[own]
+    small = log_mass(mean[..., own], sd[..., own], np.maximum(low, -least)[own], np.minimum(high, least)[own]) - within[..., own]
     # An effect is small only where all its sizes are.
-    all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
+    all_small = np.minimum(np.where(wide & parameters.sizes[own], small, 0.0) @ members, 0.0)
     # a normal whose share outside is smaller lies wholly among the small sizes
     outside = np.log(np.maximum(1 - np.exp(all_small), 1e-12))
-    named = (prior.wide @ parameters.members) > 0
-    below, above = (np.where(low < 0, -LARGEST_TOLERATED_SIZE, -np.inf), np.where(high > 0, LARGEST_TOLERATED_SIZE, np.inf))
-    tolerated = np.where(parameters.sizes, log_mass(mean, sd, below, above), within)
-    total += np.where(~prior.wide & (prior.variance > 0), tolerated, 0.0).sum(axis=1)
-    return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))
+    return np.asarray(total + np.where(wide @ members > 0, outside, 0.0).sum(axis=-1))
 
 
 def log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:

@@ -81,10 +81,6 @@ class Columns:
         out[:, self.at], out[:, self.rest] = self.dense, self.sparse.toarray()
         return out
 
-    def column(self, i: int) -> Array:
-        """(n,) one of them."""
-        return self.along(np.eye(1, self.shape[1], i)[0])
-
     def along(self, step: Array) -> Array:
         """(n,) A x of a step x (c,)."""
         return np.asarray(self.dense @ step[self.at] + self.sparse @ step[self.rest])

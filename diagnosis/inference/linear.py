@@ -61,36 +61,31 @@ class Linear:
         """Size of the discrepancy, the leakage of a model-form error of size `form_error` included."""
         return float(np.hypot(size, form_error * self.leakage))
 
-    def reductions(self, sizes: Array, form_errors: Array) -> list[list[Reduced]]:
-        """The problem in theta alone, for each size g (s,) of the discrepancy and f (f,) of the model-form error.
+    def reductions(self, sizes: Array, form_errors: Array) -> Reduced:
+        """The problems (s, f) in theta alone, for each size g (s,) of the discrepancy and f (f,) of the model-form error.
 
         From the products of X = [A y] and E = [D F], what f F explains is taken off once for each f, then for each g what g D
         does of the remainder.
         """
         x_gram, errors_by_x, error_gram, half_log_det = self._products
-        m, r, c = self.discrepancy.shape[1], self.form_error.shape[1], len(x_gram)
-
-        def at(form_error: float) -> list[Reduced]:
-            """F is integrated out once for all sizes of D."""
+        m, r, c, (n, p) = self.discrepancy.shape[1], self.form_error.shape[1], len(x_gram), self.effects.shape
+        out = Reduced(*(np.empty((len(sizes), len(form_errors), *shape)) for shape in ((p, p), (p,), ())))
+        for k, form_error in enumerate(form_errors.tolist()):
             used = r if form_error else 0  # columns of size 0 are left out
             by_form = form_error * np.hstack([errors_by_x[m : m + used], error_gram[m : m + used, :m]])
             of_form, form_log_det = _integrated_out(form_error**2 * error_gram[m : m + used, m : m + used], by_form)
             of_x, of_smooth = of_form[:, :c], of_form[:, c:]
             x_left, smooth_by_x = x_gram - of_x.T @ of_x, errors_by_x[:m] - of_smooth.T @ of_x
             smooth_gram = error_gram[:m, :m] - of_smooth.T @ of_smooth
-            return [
-                reduced(self.discrepancy_size(float(size), form_error), x_left, smooth_by_x, smooth_gram, form_log_det)
-                for size in sizes
-            ]
-
-        def reduced(smooth: float, x_left: Array, smooth_by_x: Array, smooth_gram: Array, form_log_det: float) -> Reduced:
-            used, n, p = m if smooth else 0, *self.effects.shape
-            half, log_det = _integrated_out(smooth**2 * smooth_gram[:used, :used], smooth * smooth_by_x[:used])
-            left = x_left - half.T @ half  # X^T C^-1 X, C the covariance of y given theta
-            base = -0.5 * (left[p, p] + n * np.log(2 * np.pi)) - (half_log_det + form_log_det + log_det) - self.log_noise
-            return Reduced(0.5 * (left[:p, :p] + left[:p, :p].T), left[:p, p].copy(), float(base))
-
-        return [list(row) for row in zip(*(at(float(form_error)) for form_error in form_errors), strict=True)]
+            for j, size in enumerate(sizes.tolist()):
+                smooth = self.discrepancy_size(size, form_error)
+                used = m if smooth else 0
+                half, log_det = _integrated_out(smooth**2 * smooth_gram[:used, :used], smooth * smooth_by_x[:used])
+                left = x_left - half.T @ half  # X^T C^-1 X, C the covariance of y given theta
+                out.information[j, k], out.score[j, k] = 0.5 * (left[:p, :p] + left[:p, :p].T), left[:p, p]
+                log_dets = half_log_det + form_log_det + log_det
+                out.base[j, k] = -0.5 * (left[p, p] + n * np.log(2 * np.pi)) - log_dets - self.log_noise
+        return out
 
     @cached_property
     def _products(self) -> tuple[Array, Array, Array, float]:
@@ -108,7 +103,7 @@ class Linear:
 
     def reduced(self, size: float, form_error: float) -> Reduced:
         """The same for one size each."""
-        return self.reductions(np.array([size]), np.array([form_error]))[0][0]
+        return self.reductions(np.array([size]), np.array([form_error]))[0, 0]
 
 
 def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
@@ -123,26 +118,30 @@ def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class Reduced:
-    """log p(y | theta) = base + g.theta - theta.H.theta / 2, all else integrated out."""
+    """log p(y | theta) = base + g.theta - theta.H.theta / 2, all else integrated out, of one problem or of several (...)."""
 
     information: Array
-    """(p, p) H."""
+    """(..., p, p) H."""
     score: Array
-    """(p,) g."""
-    base: float
-    """log p(y | theta = 0)."""
+    """(..., p) g."""
+    base: Array
+    """(...) log p(y | theta = 0)."""
+
+    def __getitem__(self, at: tuple[int, ...]) -> Reduced:
+        return Reduced(self.information[at], self.score[at], self.base[at])
 
     def update(self, prior: SizePrior) -> tuple[Array, Array, Array]:
-        """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
+        """log p(y) (...), mean (..., p) and root K (..., p, p) of the covariance K^T K of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
-        factor = cholesky(np.eye(len(self.information)) + root[..., :, None] * self.information * root[..., None, :])
-        left = self.score - prior.mean @ self.information  # slope of log p(y | theta) at the mean
-        # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
-        inverse = np.reshape([dtrtri(f, lower=True)[0] for f in factor.reshape(-1, *factor.shape[-2:])], factor.shape)
-        half = inverse * root[..., None, :]
-        pulled = (half @ left[..., None])[..., 0]
+        factor = cholesky(np.eye(root.shape[-1]) + root[..., :, None] * self.information * root[..., None, :])
         log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+        # K = L^-1 R with the factor L, inverted in place, and R = diag(root)
+        for of_one in factor.reshape(-1, *factor.shape[-2:]):
+            dtrtri(of_one.T, overwrite_c=1)
+        factor *= root[..., None, :]
+        # slope of log p(y | theta) at the mean
+        left = self.score - (prior.mean[..., None, :] @ self.information)[..., 0, :]
+        pulled = (factor @ left[..., None])[..., 0]
         there = self.base + 0.5 * ((self.score + left) * prior.mean).sum(axis=-1)
-        turned = half.swapaxes(-1, -2)
-        mean = prior.mean + (turned @ pulled[..., None])[..., 0]
-        return np.asarray(there - log_det + 0.5 * (pulled**2).sum(axis=-1)), mean, turned @ half
+        mean = prior.mean + (pulled[..., None, :] @ factor)[..., 0, :]
+        return np.asarray(there - log_det + 0.5 * (pulled**2).sum(axis=-1)), mean, factor

@@ -144,7 +144,7 @@ def prepare(
     predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))
     if states.pushed.all():
         # effects that change none of the values are left out
-        moved = {p.source for i, p in enumerate(forward.parameters) if slope.column(i).any()}
+        moved = {forward.parameters[i].source for i in np.flatnonzero(slope.whole.any(axis=0))}
         effects = {id: spec for id, spec in forward.catalogue.items() if id in moved}
         whole = forward = ForwardModel(robot, design, catalogue=effects, sized=sized)
         predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))

@@ -181,6 +181,12 @@ class FitParameters:
         mean, variance = np.where(self.tolerable, mean, 0.0), np.where(self.tolerable, variance, 0.0)
         return SizePrior(np.where(named, 0.0, mean), np.where(named, np.where(self.loads, slab**2, 1.0), variance), named)
 
+    def of(self, used: Ints) -> FitParameters:
+        """Some of the effects' parameters (u,) alone, those of an effect together."""
+        chosen = np.flatnonzero(self.of_effect)[used]
+        infos, least = (tuple(of_each[i] for i in chosen) for of_each in (self.infos, self.least))
+        return replace(self, infos=infos, sd=self.sd[chosen], least=least)
+
     def scaled(self, prior: SizePrior) -> tuple[Array, Array]:
         """Standard deviation and mean (k,) of all parameters, in their units, under a prior of the effects."""
         sd, mean = self.sd.copy(), np.zeros_like(self.sd)

@@ -265,7 +265,7 @@ def pressure_response(forward: ForwardModel, states: Campaign, parameters: FitPa
     out = np.zeros((len(row), len(regulator_chambers)))
     by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in parameters.names)
     if by_offset.any():
-        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope.column(parameters.names.index(OFFSET))[:, None]
+        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope.take(np.array(parameters.names) == OFFSET).whole
     by_difference = (~by_offset & inflated.any(axis=1))[row]
     if by_difference.any():
         for r, group in enumerate(regulator_chambers):
