@@ -122,7 +122,7 @@ def fit_relative(p: Prepared, r: Related, start: Candidate, least_weight: float)
     mean, sd = with_it.averaged_mean * wider.scale, judgement.SIZE_SD_FACTOR * with_it.averaged_sd * wider.scale
     own = wider.mask((r.relative,))
     sizes = tuple(zip(mean[own].tolist(), sd[own].tolist(), strict=True))
-    tense = {int(place[i]): value for i, value in wider.tense(begun.theta).items() if place[i] >= 0}
+    tense = {int(place[i]): value for i, value in wider.tense(best.theta).items() if place[i] >= 0}
     found = replace(r, log_evidence=with_it.log_evidence - best.predicted_decrease, sizes=sizes, tense=tense)
     return found, without.log_evidence
 
