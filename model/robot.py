@@ -181,6 +181,8 @@ class Robot(Shown, FileTable):
     """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e12, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg", "uncertainty": "tip_mass"})
+    tip_mass_place: FiniteFloat = Field(default=0.0, ge=-1, le=1, json_schema_extra={"unit": "m"})
+    """Where it hangs, beyond the tip."""
     tip_moment: Vector3 = Field(default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "N m"})
     """Known moment on the tip, base frame; columns tip_moment_x .. of a table override it."""
     gravity: tuple[Gravity, Gravity, Gravity] = Field(json_schema_extra={"unit": "m/s^2"})

@@ -67,7 +67,7 @@ class Attribution:
         alone = best if fitted is None else np.array([fitted.get(*own) for own in zip(p.names, best.tolist(), strict=True)])
         own, closes = p.tense(alone, best), dict[int, float]()
         for r in self.relatives:  # where what is not in the catalogue explains more, it moves less
-            if self.decision.verdict == "unknown" and r.sizes and not r.beside and r.relative in self.decision.relatives:
+            if self.decision.verdict == "unknown" and r.sizes and r.relative in self.decision.relatives:
                 own = {i: value for i, value in own.items() if i in r.tense}
         if self.decision.verdict == "none" or self.closes(self.calibrated):
             closes = p.tense(np.where(np.isin(np.arange(len(best)), [*own]), 0.0, self.calibrated.theta))

@@ -249,7 +249,8 @@ def _loads(q: Quantities, out: RodColumns) -> None:
     """Dead loads, and the four springs at the tip: two of the tether, the obstacle and the payload."""
     for k in range(3):
         gravity = q.gravity[..., k]
-        out[col.DEAD_FORCE + k] = q.design.tip_mass * gravity + q.design.force[:, k] + q.tip_force[..., k]
+        of_mass = q.design.tip_mass * gravity * (q.robot.tip_mass_place == 0)
+        out[col.DEAD_FORCE + k] = of_mass + q.design.force[:, k] + q.tip_force[..., k]
         out[col.DEAD_MOMENT + k] = q.design.moment[:, k] + q.tip_moment[..., k]
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             if element + col.LOAD + k not in q.layout.follows:
@@ -299,7 +300,8 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
 
 
 def _payload(q: Quantities, out: RodColumns) -> None:
-    """Weight m g of `payload` at `payload_place` (m, tip frame), whose moment about the tip turns with the tip.
+    """Weight m g of `payload` at `payload_place` (m, tip frame), whose moment about the tip turns with the tip, and of the mass
+    of the states where it hangs beyond the tip: both at their common centre.
 
     Dead forces have no arm, springs have: one of stiffness m g / FAR_AWAY whose origin lies FAR_AWAY (m) down from the base pulls
     with -k (e . p - FAR_AWAY) e, which is m g e for e along gravity, wherever its point p is.
@@ -307,11 +309,14 @@ def _payload(q: Quantities, out: RodColumns) -> None:
     spring = at.SPRINGS + 3 * at.SPRING_WIDTH
     g = np.linalg.norm(q.gravity, axis=-1)
     down = np.where(g[..., None] > 0, q.gravity / np.maximum(g, 1e-30)[..., None], [0.0, 0.0, 1.0])
-    for k in range(3):
+    hung = q.design.tip_mass * (q.robot.tip_mass_place != 0)
+    mass = q.payload + hung
+    share = np.where(hung == 0, 1.0, q.payload / np.where(mass == 0, 1.0, mass))
+    for k, place in enumerate((0.0, 0.0, q.robot.tip_mass_place)):
         out[spring + k] = down[..., k]
         # from the point that is pulled to the tip
-        out[spring + col.SPRING_ARM + k] = -q.payload_place[..., k]
-    out[spring + col.SPRING_STIFFNESS] = q.payload * g / FAR_AWAY
+        out[spring + col.SPRING_ARM + k] = -(share * q.payload_place[..., k] + (1 - share) * place)
+    out[spring + col.SPRING_STIFFNESS] = mass * g / FAR_AWAY
     out[spring + col.SPRING_ORIGIN] = FAR_AWAY
 
 

@@ -129,6 +129,10 @@ def test_a_payload_at_the_tip_itself_is_a_tip_mass(paper_robot: Robot) -> None:
     columns = campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3), unload=False)
     light, heavy = (Moved(paper_robot, columns | {"tip_mass": np.full(len(columns["t"]), mass)}) for mass in (0.05, 0.15))
     assert light.tips(tip_payload__mass=0.1) == pytest.approx(heavy.still, abs=2e-6)
+    # 0.05 kg at the tip and 0.1 kg at 60 mm have their centre at 40 mm
+    hanging = Moved(paper_robot.replace(tip_mass_place=0.04), columns | {"tip_mass": np.full(len(columns["t"]), 0.15)})
+    assert light.tips(tip_payload__mass=0.1, tip_payload__z=0.06) == pytest.approx(hanging.still, abs=2e-6)
+    assert np.abs(hanging.still - heavy.still).max() > 2e-4
 
 
 def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_tip(paper_robot: Robot) -> None:
