@@ -256,7 +256,7 @@ class _Local:
         self._here[where] = (theta - mean)[free] / scale[free]
         self._low[where], self._high[where] = ((bound - mean)[free] / scale[free] for bound in (p.lower, p.upper))
         sizes = np.full(discrepancy.shape[1], descent.size)
-        self._curve = self._columns.normal(discrepancy).scaled(np.concatenate([self._ratio, sizes]))
+        self._curve = self._columns.normal(discrepancy, problem.gram).scaled(np.concatenate([self._ratio, sizes]))
         self._score = self._pulled(self.missed_at(self._rest)) + self._curve.times(self._here)
 
     def _pulled(self, white: Array) -> Array:

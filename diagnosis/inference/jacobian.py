@@ -91,11 +91,11 @@ class Columns:
         out[self.at], out[self.rest] = self.dense.T @ values, self.sparse.T @ values
         return out
 
-    def normal(self, more: Array) -> Arrow:
-        """(c + m, c + m) [A M]^T [A M] with more columns M (n, m) behind them."""
+    def normal(self, more: Array, gram: Array | None = None) -> Arrow:
+        """(c + m, c + m) [A M]^T [A M] with more columns M (n, m) behind them; `gram` (m, m) M^T M where it is known."""
         at, sparse = np.concatenate([self.at, self.shape[1] + np.arange(more.shape[1])]), self.sparse.T
         beside = more.T @ self.dense
-        shared = np.block([[self.dense.T @ self.dense, beside.T], [beside, more.T @ more]])
+        shared = np.block([[self.dense.T @ self.dense, beside.T], [beside, more.T @ more if gram is None else gram]])
         across = np.hstack([sparse @ self.dense, sparse @ more])
         return Arrow(at, shared, self.rest, across, csc_array(sparse @ self.sparse))
 
