@@ -46,15 +46,10 @@ PLACES: Mapping[str, tuple[Callable[[Robot], list[tuple[int, ...]]], str]] = {
 """Relatives with a size at each place of the cross-section -> the numbers of the actuators there, and words for any of them."""
 
 
-def _at_each(v: Values) -> Array:
-    """(v, n, places) sizes at all places."""
-    return np.stack(np.broadcast_arrays(*v.values()), axis=-1)
-
-
 def _shared_pressure(q: Quantities, v: Values) -> None:
     """P_i + sum w_ik (P_k - P_i) over both neighbours k: a share of each difference passes the wall."""
     first, second = np.array(walls(q.robot)).T - 1
-    passed, one = _at_each(v) * (q.pressure[..., second] - q.pressure[..., first]), np.eye(q.pressure.shape[-1])
+    passed, one = vector(*v.values()) * (q.pressure[..., second] - q.pressure[..., first]), np.eye(q.pressure.shape[-1])
     q.pressure = q.pressure + passed @ (one[first] - one[second])
 
 
@@ -94,7 +89,7 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
         _relative(
             "regulator_offset", "actuation", "a regulator's offset at {}",
             "read the pressure gauges with all {actuators} open to the air",
-            Law(before=lambda q, v: setattr(q, "pressure", q.pressure + _at_each(v))),
+            Law(before=lambda q, v: setattr(q, "pressure", q.pressure + vector(*v.values()))),
             Parameter("zero", "Pa", 2.5e3, -25e3, 25e3)),
         _relative(
             "gauge_drift", "actuation", "drift of the pressure gauges", AGAIN,

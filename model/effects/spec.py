@@ -42,7 +42,7 @@ def _add(names: Mapping[str, str | tuple[str, ...]], share: bool, q: Quantities,
     for quantity, parameter in names.items():
         present = getattr(q, quantity)
         if isinstance(parameter, tuple):
-            more = vector(*(v[name] for name in parameter))
+            more = vector(*(v[name] for name in parameter), *[np.zeros((1, 1))] * (present.shape[-1] - len(parameter)))
         else:
             more = v[parameter] if present.ndim == 2 else v[parameter][..., None]
         setattr(q, quantity, present * (1 + more) if share else present + more)
@@ -50,18 +50,18 @@ def _add(names: Mapping[str, str | tuple[str, ...]], share: bool, q: Quantities,
 
 def adding(**names: str | tuple[str, ...]) -> Callable[[Quantities, Values], None]:
     """The law that adds to each of some quantities a parameter: quantity=parameter, to that of every actuator alike, or
-    quantity=(x, y[, z]) where it is a vector."""
+    quantity=(x, y[, z]) or (p1, p2 ..) where it is a vector or each actuator has its own."""
     return partial(_add, names, False)
 
 
-def growing(**names: str) -> Callable[[Quantities, Values], None]:
-    """The law by which each of some quantities is larger by a share: quantity=parameter."""
+def growing(**names: str | tuple[str, ...]) -> Callable[[Quantities, Values], None]:
+    """The law by which each of some quantities is larger by a share: quantity=parameter, or (p1, p2 ..) as above."""
     return partial(_add, names, True)
 
 
-def vector(x: Array, y: Array, z: Array | None = None) -> Array:
-    """(v, n, 3) of coordinates (v, n), z 0 unless given."""
-    return np.stack(np.broadcast_arrays(x, y, np.zeros_like(x) if z is None else z), axis=-1)
+def vector(*coordinates: Array) -> Array:
+    """(v, n, k) of k coordinates (v, n)."""
+    return np.stack(np.broadcast_arrays(*coordinates), axis=-1)
 
 
 @dataclass(frozen=True)

@@ -50,25 +50,12 @@ def _drift(q: Quantities, v: Values) -> None:
     q.body_modulus = q.body_modulus + q.robot.youngs_modulus * (v["slope"] * u + v["bend"] * 4 * u**2)
 
 
-def _azimuths(q: Quantities, v: Values) -> None:
-    q.azimuth = q.azimuth + np.stack(np.broadcast_arrays(*v.values()), axis=-1)
-
-
-def _pressure_gain(q: Quantities, v: Values) -> None:
-    q.pressure = q.pressure * (1 + np.stack(np.broadcast_arrays(*v.values()), axis=-1))
-
-
 def _pressure_zero(q: Quantities, v: Values) -> None:
-    q.pressure = q.pressure + np.stack(np.broadcast_arrays(*v.values()), axis=-1) * ~q.design.stiffness[:, None]
+    q.pressure = q.pressure + vector(*v.values()) * ~q.design.stiffness[:, None]
 
 
 def _path_radius(q: Quantities, v: Values) -> None:
     q.lever = q.lever + v["excess"] / np.mean(q.robot.actuators.path_radius)
-
-
-def _mount(q: Quantities, v: Values) -> None:
-    base_tilt(q, v)
-    q.azimuth = q.azimuth + v["z"][..., None]
 
 
 def _frame_shift(r: Readings, v: Values) -> None:
@@ -145,8 +132,8 @@ def as_drawn(actuators: int, names: Container[str]) -> tuple[VariationSource, ..
     each = tuple(f"p{k}" for k in range(1, actuators + 1))
     found = (
         _tolerance("axial_stiffness", "material", Law(before=growing(stretching="excess")), *_each("1", 0.02, "excess")),
-        _tolerance("azimuths", "actuation", Law(before=_azimuths), *_each("rad", ANGLE, *each)),
-        _tolerance("pressure_gain", "actuation", Law(before=_pressure_gain), *_each("1", 0.01, *each)),
+        _tolerance("azimuths", "actuation", Law(before=adding(azimuth=each)), *_each("rad", ANGLE, *each)),
+        _tolerance("pressure_gain", "actuation", Law(before=growing(pressure=each)), *_each("1", 0.01, *each)),
         _tolerance("pressure_zero", "actuation", Law(before=_pressure_zero), *_each("Pa", 300.0, *each)),
         _tolerance("path_radius", "actuation", Law(before=_path_radius), *_each("m", 0.1e-3, "excess")),
         _tolerance("tip_mass", "load", Law(before=adding(payload="excess")), *_each("kg", 1e-3, "excess")),
@@ -154,13 +141,14 @@ def as_drawn(actuators: int, names: Container[str]) -> tuple[VariationSource, ..
     return tuple(source for source in found if source.spec.id in names)
 
 
+TURNED = Law(before=adding(base_turn=("x", "y"), azimuth="z"))
 MOUNT = (
-    _tolerance("mount_turn", "boundary", Law(before=_mount), *_each("rad", ANGLE), scope="mount"),
+    _tolerance("mount_turn", "boundary", TURNED, *_each("rad", ANGLE), scope="mount"),
     _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_each("m", 0.5e-3), scope="mount"),
 )
 """A robot that is mounted anew, rolled or on another day, stands a little differently."""
 REPEATS = (
-    _tolerance("repeat_turn", "boundary", Law(before=_mount), *_each("rad", ANGLE / 2), scope="repeat"),
+    _tolerance("repeat_turn", "boundary", TURNED, *_each("rad", ANGLE / 2), scope="repeat"),
     _tolerance("repeat_shift", "boundary", Law(after=_frame_shift), *_each("m", 0.2e-3), scope="repeat"),
 )
 """So does one that may have been mounted anew before a repeat of the sweep; how much, its repeats show."""

@@ -38,9 +38,8 @@ from model.robot import Robot
 from recordings.file.tail import Piece, Tail
 from recordings.file.writer import Recorder
 from recordings.messages import streams
-from tests.recordings.synthetic_run import REST, state
+from tests.recordings.synthetic_run import OLD, REST, state
 
-RECORDING = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
 WITHIN = 120.0
 """Host seconds for which a message is waited for."""
 Told = tuple[str, int, bytes]
@@ -133,11 +132,11 @@ def by_topic(messages: list[Told]) -> dict[str, list[tuple[int, bytes]]]:
 
 # -- a recording that is played
 def test_a_recording_is_handed_on_as_it_is() -> None:
-    with command("watch", RECORDING, "--foxglove", 0, "--speed", 1000, "--json") as program:
+    with command("watch", OLD, "--foxglove", 0, "--speed", 1000, "--json") as program:
         assert program.stdout is not None
         said = json.loads(program.stdout.readline())
         assert said["layout"] == str(LAYOUT) and said["live"] is False
-        messages, channels = in_file(RECORDING)
+        messages, channels = in_file(OLD)
         with viewer(said["foxglove"]) as looks:
             looks.subscribe({EXPECTED, *channels})
             for channel in looks.channels.values():
@@ -208,7 +207,7 @@ def test_the_tip_that_is_expected_is_that_of_the_model_at_the_newest_pressures(t
 
 def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(foxglove_server, "WAITING", 400)
-    with Tail(RECORDING) as tail:
+    with Tail(OLD) as tail:
         tail.read()
         contents = tail.contents
     (number,) = [n for n, channel in contents.channels.items() if channel.topic == "/log"]
@@ -291,18 +290,18 @@ def test_what_the_model_expects_is_a_sphere_with_its_interval_until_it_cannot_te
     ],
 )
 def test_wrong_words_get_one_clear_error(words: list[str], says: str, cli: Cli) -> None:
-    assert says in cli("watch", RECORDING, *words, code=2).flat_err
+    assert says in cli("watch", OLD, *words, code=2).flat_err
 
 
 def test_a_port_that_is_taken_is_told(cli: Cli) -> None:
     with Foxglove(LOOPBACK, 0) as foxglove:
         port = foxglove.address.rpartition(":")[2]
-        assert f"--foxglove {port}: cannot listen there" in cli("watch", RECORDING, "--foxglove", port, code=2).flat_err
+        assert f"--foxglove {port}: cannot listen there" in cli("watch", OLD, "--foxglove", port, code=2).flat_err
 
 
 def test_without_its_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    assert "pip install 'softlab[live]'" in cli("watch", RECORDING, "--foxglove", "0", code=2).flat_err
+    assert "pip install 'softlab[live]'" in cli("watch", OLD, "--foxglove", "0", code=2).flat_err
 
 
 # -- the layout
@@ -371,7 +370,7 @@ def test_a_path_of_the_layout_names_a_number_of_the_recording(path: str, written
 
 
 def test_what_the_layout_shows_of_a_real_recording_are_its_numbers() -> None:
-    messages, channels = in_file(RECORDING)
+    messages, channels = in_file(OLD)
     newest = {topic: payload for topic, _, payload in messages}
     shown = 0
     for path in PATHS:

@@ -16,9 +16,8 @@ from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.rules import Window
 from recordings.trials import Table, TrialRow
-from tests.recordings.synthetic_run import state
+from tests.recordings.synthetic_run import OLD, state
 
-RECORDING = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm", "/valve", "/state", "/trial")
 PRESSURES = (30e3, 0.0, 0.0)
 PLAN = {"protocol": "puffs", "states": 2}
@@ -28,7 +27,7 @@ RIG = b"poll: 20 Hz\nclock: {speed: 10}\ninstruments: {mocap: {rate: 60}}\n"
 # ------------------------------------------------------------------ several
 @pytest.fixture
 def two(tmp_path: Path) -> list[Path]:
-    return [Path(shutil.copy(RECORDING, tmp_path / name)) for name in ("first.mcap", "second.mcap")]
+    return [Path(shutil.copy(OLD, tmp_path / name)) for name in ("first.mcap", "second.mcap")]
 
 
 def test_each_of_several_recordings_is_told_by_its_name(two: list[Path], cli: Cli) -> None:
@@ -52,7 +51,7 @@ def test_names_sort_as_the_runs_began(tmp_path: Path) -> None:
 def torn(tmp_path: Path, cli: Cli) -> tuple[Path, Path]:
     """A recording without its end, and what `lab recover` saved of it."""
     file = tmp_path / "sweep.mcap"
-    file.write_bytes(RECORDING.read_bytes()[:-9000])
+    file.write_bytes(OLD.read_bytes()[:-9000])
     cli("recover", file, code=3)
     return file, tmp_path / "sweep-recovered.mcap"
 
@@ -70,9 +69,9 @@ def test_a_torn_recording_is_left_out_where_its_recovered_file_is_given(
 
 def test_a_whole_recording_counts_and_not_what_was_recovered_of_it_earlier(torn: tuple[Path, Path], cli: Cli) -> None:
     file, saved = torn
-    shutil.copy(RECORDING, file)
+    shutil.copy(OLD, file)
     done = cli("replay", saved, file, "--json")
-    assert done.json["replayed"] == len(Recording.open(RECORDING).trials)
+    assert done.json["replayed"] == len(Recording.open(OLD).trials)
     assert "sweep-recovered.mcap: not read" in done.err.replace("\n", "")
 
 

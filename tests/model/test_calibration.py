@@ -1,6 +1,5 @@
 """Calibration: area factors from tips, stiffness and moduli from pushes, and how well each is known."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,10 @@ from model.calibration import (
     fit_spine_modulus,
     fit_stiffness,
 )
-from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
-from tests.model.rods.cases import solved
+from tests.model.rods.cases import Bending, solved
 
-Bending = Callable[..., States]
 PRESSURES = [50e3, 150e3, 250e3]
 
 

@@ -3,7 +3,6 @@ shapes, limits, cross-section, mixing by volume, actuation, and the error table.
 
 import subprocess
 import sys
-from collections.abc import Callable
 from itertools import permutations
 from typing import Any
 
@@ -19,10 +18,8 @@ from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Paper, Status
 from model.section import rods_of
-from tests.model.rods.cases import PRESSURES, REFERENCE, solved
+from tests.model.rods.cases import PRESSURES, REFERENCE, Bending, solved
 from tests.simulated.bench import raises
-
-Bending = Callable[..., States]
 
 
 def test_tips_agree_with_the_twenty_reference_values(reference_robot: Robot, bending: Bending) -> None:

@@ -1,7 +1,6 @@
 """Other simulators agree with the rod as far as they say: the example of one's own, PyElastica and SoRoMoX."""
 
 import runpy
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,9 @@ from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.simulators import Forward, Readings
+from tests.model.rods.cases import Bending
 
 EXAMPLE = Path(__file__).parents[2] / "examples/simulator/constant_strain.py"
-Bending = Callable[..., States]
 
 
 def apart(robot: Robot, states: States) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,7 @@ def _base_compliance(q: Quantities, v: Values) -> None:
 
 def _precurvature(q: Quantities, v: Values) -> None:
     """The body's own curvature turns with the body."""
-    q.rest_curvature = q.rest_curvature + vector(*rolled(q.design.roll, v["x"], v["y"]))
+    q.rest_curvature = q.rest_curvature + vector(*rolled(q.design.roll, v["x"], v["y"]), np.zeros((1, 1)))
     q.rest_growth = q.rest_growth + v["growth"]
 
 

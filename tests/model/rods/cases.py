@@ -1,5 +1,7 @@
 """The robot of the reference values, as arrays of rods: bends in the x-z plane, hangs along z."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,6 +11,8 @@ from model.robot import Robot
 from model.rods import FINE, Form, Method, Rods, Solution, solve
 from model.section import rods_of
 
+Bending = Callable[..., States]
+"""The fixture `bending`."""
 PRESSURES = np.array([50.0, 100.0, 150.0, 200.0, 250.0]) * 1e3
 REFERENCE = {
     0.00: [
