@@ -67,7 +67,7 @@ def _ends(p: Cycles) -> list[dict[int, float]]:
 def plan(p: Cycles) -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     first = Ask(spine_length=0.0, spine_speed=p.spine.speed, vacuum=0.0, setup=_setup(p))
-    steps = [Step("vent, release and draw the spine back", PREPARING + p.spine.settle, first)]
+    steps = [Step("vent, and draw back a spine if there is one", PREPARING + p.spine.settle, first)]
     for end in _ends(p):
         top = max(end.values())
         up = tuple(end.get(c, 0.0) for c in range(1, max(end) + 1))

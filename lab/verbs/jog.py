@@ -121,7 +121,7 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
     if word == "vent":
         vent(bench)
         return "vented"
-    raise ConfigError(f"{line!r}: is no command of this rig; there are {known(file)}")
+    raise ConfigError(f"{line!r}: no such command; this rig takes {known(file)}")
 
 
 def known(file: RigFile) -> str:
