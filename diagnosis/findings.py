@@ -246,7 +246,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{pressure}"
         ),
         "obstacle_stands": (
-            "the obstacle stands at {azimuth:.0f} deg about the base's z from x: look there, and state obstacle_azimuth_deg"
+            "the obstacle stands at {azimuth:.0f} deg about the base's z from x, {mm:.1f} mm from this axis: look there, and "
+            "state obstacle_azimuth_deg"
         ),
         "held_out_as_diagnosed": "the robot.yaml of --holdout differs in {keys}; the diagnosed one is used for both",
         "residual_ignored": "the learned residual in robot.yaml is ignored; it could mask the cause",

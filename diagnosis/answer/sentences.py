@@ -12,6 +12,7 @@ import numpy as np
 from model.actuators import Chambers, Words
 from model.condition import HOLD, RATE
 from model.effects.design import rate_of_ramps
+from model.effects.laws.surroundings import OBSTACLE
 from model.effects.spec import EffectSpec
 from model.effects.tolerance import TRACKED_TURN
 from model.robot import Robot
@@ -372,7 +373,8 @@ def to_look_at(p: Prepared, sizes: Mapping[str, Size]) -> Iterator[Finding]:
     difference between actuators may be one between what measures them."""
     if "contact.turn" in sizes and p.robot.obstacle_azimuth_deg is None:
         x, y = p.forward.plane_direction.tolist()
-        yield finding("obstacle_stands", azimuth=float(np.degrees(np.arctan2(y, x) + sizes["contact.turn"].median) % 360))
+        azimuth = float(np.degrees(np.arctan2(y, x) + sizes["contact.turn"].median) % 360)
+        yield finding("obstacle_stands", azimuth=azimuth, mm=1e3 * (OBSTACLE * p.robot.length + sizes["contact.distance"].median))
     if any(name.startswith("chamber_gain.") for name in sizes):
         yield finding("gauge_looks_alike", p.robot.actuators.words)
 

@@ -141,6 +141,7 @@ def test_an_obstacle_is_found_on_a_side_that_robot_yaml_does_not_state(
     assert found.attribute.effects == ("contact",) and found.attribute.probability > 0.9
     (stands,) = [f for f in found.findings if f.code == "obstacle_stands"]
     assert stands.values["azimuth"] == pytest.approx(azimuth, abs=3.0)
+    assert stands.values["mm"] == pytest.approx(1e3 * (0.175 * ROBOT.length + distance), abs=10.0)
 
 
 def test_each_axis_has_the_noise_that_its_repeats_show(campaign: Measured) -> None:
