@@ -169,12 +169,12 @@ def headline(
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
         if d.locate.concentrated is not None and not a.relatives:
-            return f"No known cause fits {p}; the gap is {concentrated(d.locate.concentrated, d.words)}."
+            return f"No listed effect fits {p}; the gap is {concentrated(d.locate.concentrated, d.words)}."
         error = stage(a.stage_errors)
         may_be = [f"in the {error.stage} and {d.words.fill(error.varies)}"] if error else []
         may_be = relative(a.relatives[0], a.at_places, d.words)[0] if a.relatives else may_be
         places = [f"; it may be {one}".replace("_", " ") for one in may_be] or [""]
-        return _short_enough(*(f"No known cause fits {p}{place}." for place in places))
+        return _short_enough(*(f"No listed effect fits {p}{place}." for place in places))
     if by_calibration is not None and "beyond_tolerance" in found:
         return _short_enough(*(f"{closes}{gap} beyond tolerances{changed} {p}." for gap in (" of the gap, but", ", but")))
     if by_calibration is not None:

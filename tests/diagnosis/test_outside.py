@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from diagnosis.answer.attribute import Attribution
 from diagnosis.answer.decision import Decision, Verdict
 from diagnosis.answer.experiments import propose
 from diagnosis.answer.result import Proposal, Value
@@ -127,7 +128,7 @@ def test_a_share_of_the_difference_passes_each_wall_whose_neighbours_are_so_by_a
 def test_the_leaking_wall_and_its_share_are_found(
     azimuths: Sequence[float], leaks: Mapping[str, float], found: list[str]
 ) -> None:
-    robot, rows = small(azimuths), list[TrialRow]()
+    robot, rows = small(azimuths).replace(uncertainty=Uncertainty(azimuths=np.radians(1))), list[TrialRow]()
     for trial, k in enumerate(2 * tuple(range(len(azimuths)))):
         alone = np.eye(len(azimuths))[k]
         rows += [replace(row(trial + 1, i, 0.0, 0.0), pressures=tuple(60e3 * i * alone), tip=(0.0, 0.0, 0.2)) for i in range(3)]
@@ -146,6 +147,11 @@ def test_the_leaking_wall_and_its_share_are_found(
     assert places_found(sizes) == found
     true = {f"chambers {wall.replace('_', ' and ')}": share for wall, share in leaks.items()}
     assert all(abs(v.value - true.get(name, 0.0)) < 3 * v.sd < 0.2 for name, v in sizes.items())
+    # azimuths that turn towards a leak are no longer asked for
+    none, unknown = search.found[()], Decision("unknown", (), 1.0, 1.0, relatives=("shared_pressure",))
+    told = SimpleNamespace(prepared=prepared, best=none, calibrated=none.fit, decision=unknown, closes=lambda _: False)
+    asked = [Attribution.tense(SimpleNamespace(**vars(told), relatives=r), None) for r in ((), (leak,))]  # type: ignore[arg-type]
+    assert asked[0] and asked[1] == {}
 
 
 def test_a_leak_is_tested_at_its_wall_before_effects_are_told_apart_that_are_improbable_together() -> None:

@@ -497,7 +497,7 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     assert StageError("load", "experiment", 20.0).varies.startswith("varies with the kind of trial (which {actuators} act")
     asking = (StageError("material", "spine_length", 20.0),)
     unknown = line(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking))
-    assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")
+    assert unknown == ("No listed effect fits (p = 0.60); it may be in the material and varies with spine length.")
     none = line(attribute("none", "noise", p=0.9), by_calibration=0.93)
     assert none == "Calibration closes 93 % of the gap; no other cause is needed (p = 0.90)."
     unsure = line(attribute("none", "noise", p=0.42), by_calibration=0.93)
