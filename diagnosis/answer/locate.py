@@ -20,6 +20,7 @@ from ..inference.prepare import TINY, Prepared
 from ..judgement import CONCENTRATED_GAIN, CONCENTRATED_RATIO, FALSE_DISCOVERY_RATE, FEWEST_CONCENTRATED
 from .attribute import Attribution
 from .result import FACTORS, STAGES, Cell, Concentrated, Locate
+from .unseen import mean_squares
 
 
 def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
@@ -28,9 +29,8 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
     missed = p.problem.observed - p.problem.forward.predict(p.common(f.calibrated.theta))
     gap = p.gap(missed)
     finite = np.asarray(np.isfinite(gap).all(axis=1))
-    rng = np.random.default_rng(20240)
     parts = (*_parts(p, missed, gap, finite), *_specimens(p, p.deflection(missed)))
-    cells = [(part[0], *_cell(*part[1:], rng)) for part in parts]
+    cells = [(part[0], *_cell(*part[1:])) for part in parts]
     probabilities = np.sort([probability for *_, probability in cells])
     allowed = FALSE_DISCOVERY_RATE * np.arange(1, len(cells) + 1) / max(len(cells), 1)  # over all factors together
     limit = max(probabilities[probabilities <= allowed], default=-1.0)
@@ -118,14 +118,13 @@ def _specimens(p: Prepared, missed: Array) -> Iterator[_Part]:
         yield ("stiffness", name, s.trial[own], missed[own, None], p.pushes.noise_floor)
 
 
-def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.random.Generator) -> tuple[Cell, float]:
+def _cell(value: float | str, trial: Ints, missed: Array, floor: float) -> tuple[Cell, float]:
     """The cell with its bootstrap interval, and the probability of such a mean square by `floor` (m rms) alone."""
-    names, index = np.unique(trial, return_inverse=True)
+    index = np.unique(trial, return_inverse=True)[1]
     total, count = np.bincount(index, (missed**2).sum(axis=1)), np.bincount(index)
-    drawn = rng.integers(0, len(names), (400, len(names)))
-    low, high = np.quantile(np.sqrt(total[drawn].sum(axis=1) / count[drawn].sum(axis=1)), [0.025, 0.975])
+    low, high = np.sqrt(np.quantile(mean_squares(np.linalg.norm(missed, axis=1), trial)[1:], [0.025, 0.975]))
     # Readings of a trial erring together leave as many independent vectors as there are trials.
-    freedom = missed.shape[1] * len(names)
+    freedom = missed.shape[1] * len(total)
     probability = float(chdtrc(freedom, freedom * (total / count).mean() / floor**2)) if floor > 0 else 1.0
     return Cell(
         value, 1e3 * rms(missed), 1e3 * float(missed[:, 0].mean()), len(missed), 1e3 * float(low), 1e3 * float(high), False

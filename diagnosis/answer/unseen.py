@@ -167,7 +167,7 @@ def _steps(
     seen: Mask = np.asarray(np.isfinite([*by_causes.values(), *before, *after]).all(axis=0))  # predicted by every model
 
     def rms_of(errors: Array) -> Array:
-        return np.sqrt(_mean_squares(errors[seen], p.states.trial[seen]))
+        return np.sqrt(mean_squares(errors[seen], p.states.trial[seen]))
 
     of_causes = {causes: rms_of(errors) for causes, errors in by_causes.items()}
     order: Hypothesis = ()  # each cause the one that takes most of what the causes before it leave
@@ -215,7 +215,7 @@ def interval_closed(
     if len(np.unique(trial)) < 2:
         return None
     # m^2 above the floor in each draw, before and after, as in `share_closed`
-    reducible, remaining = (_mean_squares(e, trial, kind)[1:] - floor**2 for e in (before, after))
+    reducible, remaining = (mean_squares(e, trial, kind)[1:] - floor**2 for e in (before, after))
     shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
     if not shares.size:
         return None
@@ -223,7 +223,7 @@ def interval_closed(
     return float(low), float(high)
 
 
-def _mean_squares(errors: Array, trial: Ints, kind: Ints | None = None, draws: int = 500, seed: int = 31337) -> Array:
+def mean_squares(errors: Array, trial: Ints, kind: Ints | None = None, draws: int = 500, seed: int = 31337) -> Array:
     """(1 + draws,) m^2 of errors (n,) m: of the data as they are, and with trials (n,) drawn anew among those of their kind."""
     _, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
     _, of_trial, count = np.unique((trial * 0 if kind is None else kind)[first_state], return_inverse=True, return_counts=True)

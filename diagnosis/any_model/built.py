@@ -21,7 +21,7 @@ from ..inference.problem import FitParameters, Problem
 from .answer import Left
 from .cause import Parameter
 from .model import Model, Predict
-from .noise import NOISE_FLOOR, NoiseEstimate, blocks, left, of_repeats
+from .noise import NOISE_FLOOR, NoiseEstimate, left, of_repeats, parts
 from .table import FUNCTIONS, Table, repeats, rows_in_words, scaled
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
@@ -282,7 +282,7 @@ def _with_richest(b: Built, estimated: Mask) -> Built:
 
 def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
     """The noise that a fit leaves of the outputs `estimated`."""
-    block, place = blocks(b.table)
+    block, place = parts(b.table)
     slope = b.problem.noise.colour(fitted.derivatives(b.problem).every.whole)
     missed, known = b.problem.observed - fitted.predicted, b.estimate
     sd, share, memory, floor = known.sd.copy(), known.share.copy(), known.memory.copy(), known.floor.copy()

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from ..arrays import Array, Ints, rows_by
-from ..data.noise import Lasting, Noise
+from ..data.noise import Lasting, Noise, blocks
 from .table import Table
 
 LEAST_DIFFERENCES = 5
@@ -48,24 +48,23 @@ class NoiseEstimate:
     def noise(self, table: Table, row: Ints, output: Ints) -> Noise:
         """Of values (n,) of rows and outputs of a table."""
         n, sd, share = len(row), self.sd[output], self.share[output]
-        block, place = (of_row[row] for of_row in blocks(table))
+        block, place = (of_row[row] for of_row in parts(table))
         own = np.where(share > 0, block * len(self.sd) + output, -1)
         lasting = Lasting(own, place.astype(float), output, sd * np.sqrt(share), np.zeros(n), self.memory[output])
         return Noise(np.arange(n), sd * np.sqrt(1 - share), np.zeros((n, 0)), lasting)
 
 
-def blocks(table: Table) -> tuple[Ints, Ints]:
+def parts(table: Table) -> tuple[Ints, Ints]:
     """(n,) part of a series that each row belongs to, at most `LONGEST` rows long, and its place in it."""
     place = pd.Series(table.group).groupby(table.group).cumcount().to_numpy()
-    part = pd.MultiIndex.from_arrays([table.group, place // LONGEST])
-    return np.asarray(pd.factorize(part)[0], np.int64), np.asarray(place % LONGEST, np.int64)
+    return blocks(table.group, place.astype(float), LONGEST), np.asarray(place % LONGEST, np.int64)
 
 
 def of_repeats(table: Table, repeat: Ints) -> NoiseEstimate:
     """What readings differ by from the mean of their repeats; sd NaN where there are too few, or all are equal."""
     outputs = table.measured.shape[1]
     sd, share, memory = np.full(outputs, np.nan), np.zeros(outputs), np.ones(outputs)
-    block, place = blocks(table)
+    block, place = parts(table)
     by = pd.DataFrame(table.measured).groupby(repeat)
     count, free = by.transform("count").to_numpy(), (by.count() - 1).clip(lower=0).sum().to_numpy()
     missed = (table.measured - by.transform("mean").to_numpy()) * np.sqrt(count / np.maximum(count - 1, 1))

@@ -71,8 +71,7 @@ def read_case(inputs: Sequence[Path], given: Path | Robot | None = None) -> Case
     recorded = [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     folders = [path for path in inputs if path.is_dir()]
     sources = [read_yaml(path / "robot.yaml") for path in folders if given is None]
-    for recording in recordings if given is None else ():
-        sources.append(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"))
+    sources += [parse_yaml(attached(r, "robot.yaml"), f"{r.path}:robot.yaml") for r in recordings if given is None]
     source = read_yaml(given) if isinstance(given, Path) else next(iter(sources), Source("the Robot", {}, {}))
     robot = given if isinstance(given, Robot) else check(source, Robot)
     for other in sources[1:]:

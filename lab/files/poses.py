@@ -19,11 +19,10 @@ from recordings.errors import BadTable
 from recordings.file.reader import Recording
 from recordings.own_files import replacing
 from recordings.table_file import MOST_STATES, read_columns
-from recordings.trials import ORIENTATION, Table
+from recordings.trials import ORIENTATION, TIP, Table
 
 from .config import in_si
 
-POSITION = ("x", "y", "z")
 OPTIONAL = ("repeat",)
 MOST_NAMED = 5
 """Rows that a note names one by one."""
@@ -37,7 +36,7 @@ def read_poses(path: Path, arm: Arm, measured: bool = True) -> tuple[pd.DataFram
     """Columns in rad and m of the rows that have all angles and, if they are `measured`, a position; notes on the others; and
     what names a row, from 0, in messages. A heading may state a unit, `x [mm]`. Raises `BadTable`."""
     path = path / "trials.csv" if path.is_dir() else path
-    needed = (*arm.joints, *(POSITION if measured else ()))
+    needed = (*arm.joints, *(TIP if measured else ()))
     before = tuple(f"{joint}_before" for joint in arm.joints)
     headings: dict[str, str] = {}
 
@@ -71,7 +70,7 @@ def read_poses(path: Path, arm: Arm, measured: bool = True) -> tuple[pd.DataFram
 def _factor(path: Path, bare: str, heading: str) -> float:
     """Of the unit that a heading states, to rad or m; raises ConfigError."""
     stated = re.search(r"[\[(](.*)[\])]", heading)
-    unit = "m" if bare in POSITION else "1" if bare in OPTIONAL else "rad"
+    unit = "m" if bare in TIP else "1" if bare in OPTIONAL else "rad"
     return 1.0 if stated is None else in_si(f"{path}, {heading}", f"1 {stated[1]}", unit)
 
 

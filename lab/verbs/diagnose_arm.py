@@ -16,7 +16,7 @@ from model.errors import BadCondition
 
 from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, Source, check, demand_writable
-from ..files.poses import POSITION, read_poses
+from ..files.poses import read_poses
 from ..options import Result
 from ..pages.answer_page import proposals, shares, steps, write, write_json
 
@@ -69,7 +69,7 @@ def diagnose_poses(
     `poses`: joint angles q1 .. (rad), measured x, y, z (m), perhaps repeat; `candidates`: angles that could be measured next;
     `place` names a row. Raises `BadCondition` where the poses cannot be the arm's own.
     """
-    own, kept, misplaced = placed(arm, poses, poses[[*POSITION]].to_numpy(), place)
+    own, kept, misplaced = placed(arm, poses, poses[[*"xyz"]].to_numpy(), place)
     model = ArmModel(own)
     causes, calibration, left_out = weighed(model, int(kept.sum()))
     if candidates is not None:
@@ -77,7 +77,7 @@ def diagnose_poses(
         joints = {f"{joint}_before": joint for joint in arm.joints if f"{joint}_before" in poses}
         candidates = candidates.assign(**{b: candidates[joint] for b, joint in joints.items() if b not in candidates})
     answer = diagnose_model(
-        model, poses[kept], dict.fromkeys(POSITION, "m"), causes, calibration,
+        model, poses[kept], dict.fromkeys("xyz", "m"), causes, calibration,
         repeat="repeat" if "repeat" in poses else None, candidates=candidates,
     )  # fmt: skip
     return replace(answer, notes=(*misplaced, *left_out, *answer.notes)), model
@@ -88,7 +88,7 @@ def _held_out(answer: Answer, forward: ArmModel, arm: Arm, path: Path) -> str:
     poses, notes, _ = read_poses(path, arm)
     note(notes)
     theta = {key: value for key, (value, _) in answer.calibration.items()} | {s.key: s.value for s in answer.sizes}
-    at = poses[[*POSITION]].to_numpy()
+    at = poses[[*"xyz"]].to_numpy()
     before, after, whole = (
         1e3 * np.linalg.norm(forward(values, poses) - at, axis=1).mean() for values in ({}, theta, answer.values)
     )
