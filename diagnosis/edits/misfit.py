@@ -23,7 +23,6 @@ from itertools import groupby
 import numpy as np
 
 from model.condition import States
-from model.prediction.box_minima import box_minima
 from model.robot import Robot
 from model.rods import Fast, Rods, Solution, Stations, solve, stations
 from model.rods.fast.walk import WIDTH
@@ -382,10 +381,9 @@ class _Problem:
         slope, prior = self.slope(beside), np.zeros(len(self.x))
         prior[: len(CALIBRATION)] = self.sd**-2.0
         curvature = slope.T @ (weight[:, None] * slope) + np.diag(prior[self.free])
-        curvature += 1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(curvature))  # what changes nothing stays
         gradient = slope.T @ (weight * self.missed.ravel() / self.unit) + (prior * self.x)[self.free]
-        step, low, high = np.zeros(len(self.x)), (self.low - self.x)[self.free], (self.high - self.x)[self.free]
-        step[self.free] = box_minima(curvature[None], gradient[None], low[None], high[None])[0]
+        step = np.zeros(len(self.x))
+        step[self.free] = bounded(curvature, -gradient, (self.low - self.x)[self.free], (self.high - self.x)[self.free])
         return self.x + SHARES[:, None] * step
 
     def gains(self, tried: Array, missed: Array) -> bool:
@@ -400,3 +398,17 @@ class _Problem:
     def parameters(self) -> int:
         """How many count in the evidence."""
         return sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in self.edits)
+
+
+def bounded(curvature: Array, slope: Array, low: Array, high: Array) -> Array:
+    """(k,) x of the least x' A x / 2 - b' x within bounds around 0: what leaves them is set to them, one after the other."""
+    x, inside = np.zeros(len(slope)), np.ones(len(slope), bool)
+    regular = curvature + (1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(slope)))
+    while inside.any():
+        rest = slope[inside] - curvature.compress(inside, 0).compress(~inside, 1) @ x[~inside]
+        x[inside] = np.linalg.solve(regular.compress(inside, 0).compress(inside, 1), rest)
+        beyond: Mask = inside & ((x < low) | (x > high))
+        if not beyond.any():
+            break
+        x, inside = np.clip(x, low, high), inside & ~beyond
+    return x
