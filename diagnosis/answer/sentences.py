@@ -140,7 +140,8 @@ def _gap(d: Diagnosis) -> str:
     each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in moved]
     if d.fitted is not None and len(each) > 3:
         each[3:] = [counted(len(each) - 3, "more number")]
-    set_up = f" ({'; '.join(each)}{': measure again' * (d.fitted is None)})" if each else ""
+    far = d.fitted is None and any(s.value > judgement.BEYOND_SD * s.sd for s in moved)
+    set_up = f" ({'; '.join(each)}{': measure again' * far})" if each else ""
     on_walls = " but with `thrust: walls`" * any(f.code in ("thrust_settled", "thrust_likely") for f in d.findings)
     return (
         f"Uncalibrated{on_walls}, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "

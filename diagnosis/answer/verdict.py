@@ -112,9 +112,9 @@ def at_places(f: Attribution) -> dict[str, dict[str, Value]]:
 
 
 def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
-    """Return the section with the effect `certain`, which the robot may have, as part of every hypothesis: without it none comes
+    """Return the section with the effect `certain`, which the robot has, as part of every hypothesis: without it none comes
     near the data. The probability is that of what is beyond it."""
-    size = {f"{certain}.{name}": Value(s.value, s.sd, s.unit) for name, s in robot.effects.get(certain, {}).items()}
+    size = {f"{certain}.{name}": Value(s.value, s.sd, s.unit) for name, s in robot.causes[certain].items()}
     return replace(
         a,
         verdict="effect",

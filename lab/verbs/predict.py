@@ -181,7 +181,7 @@ def table_states(path: Path, words: Words) -> Columns:
     """Columns (SI) of the states in a table: trials.csv, or one with p1 .. and spine_length (default 0) alone.
 
     Without a unit in its heading a column is in SI. Raises ConfigError, also for pressures too low for Pa."""
-    needed = f"p1 .. (Pa) or p1 [{words.unit}] .., and spine_length (m)"
+    needed = f"p1 .. (Pa) or p1 [{words.unit}] .., and with a spine spine_length (m)"
     columns, in_unit = _columns_in_si(path, "|".join(("p[0-9]+", *ASKED)), needed, words)
     for name, column in columns.items():
         if column.dtype == np.float64 and np.isnan(column).all():
@@ -200,11 +200,11 @@ def table_states(path: Path, words: Words) -> Columns:
 def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple[Columns, set[str]]:
     """Columns whose names match the pattern, in SI, and those of them in whose headings a unit stands. Raises ConfigError."""
     columns, in_unit = Columns(), set[str]()
-    in_heading = re.compile(rf"({pattern})(?:\s*[\[(](.+)[\])]|_((?i:{'|'.join(map(re.escape, UNITS))})))?")
+    in_heading = re.compile(rf"(?i)({pattern})(?:\s*[\[(](.+)[\])]|_({'|'.join(map(re.escape, UNITS))}))?")
     for heading, column in read_numbers(path, (), in_heading.pattern, needed).items():
         found = in_heading.fullmatch(heading)
         assert found is not None  # the columns that it matches are read
-        name, stated = found[1], found[2] or found[3] or ""
+        name, stated = found[1].lower(), found[2] or found[3] or ""
         if name in columns:
             raise ConfigError(f"{path}: several columns are {name}, such as {heading!r}: leave one out")
         kind, unit = unit_named(stated) or ("", stated.strip())

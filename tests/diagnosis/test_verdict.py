@@ -137,6 +137,8 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert as_stiff(same) == "as stiff as stated" and "only the ratio" not in statement(replace(found, calibration=same))
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
+    near = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("tilt.x", 0.003, 0.0035, "rad", 2),)))
+    assert "(tilt.x 0.17 deg, stated to 0.2 deg, moves the tip by 2.00 mm)" in statement(near)
     found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("tilt.x", 0.009, 0.0035, "rad", 2),)))
     assert "(tilt.x 0.52 deg, stated to 0.2 deg, moves the tip by 2.00 mm: measure again)" in statement(found)
     assert changed_by(found) == "tilt.x 0.52 deg, a body 9 % stiffer"

@@ -114,7 +114,7 @@ def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, cli
 
 def test_a_table_is_predicted_as_from_python(case: Path, robot: Path, tmp_path: Path, cli: Cli) -> None:
     states = tmp_path / "states.csv"
-    states.write_text("p1_bar,p2 (kPa),spine_length\n0.8,0,0.1\n0,60,0\n")
+    states.write_text("P1_bar,p2 (kPa),spine_length\n0.8,0,0.1\n0,60,0\n")
     found = cli("predict", "--robot", robot, "--table", states, "--json").json
     assert found["schema"] == "prediction/1" and found["effects"] == [EFFECT]
     tips = lab.predict(lab.load_robot(robot), [[80e3] + [0] * 8, [0, 60e3] + [0] * 7], [0.1, 0.0]).tip
