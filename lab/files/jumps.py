@@ -344,8 +344,9 @@ def off_surface(states: Table, place: Array, seen: Mask, length: float) -> tuple
 
 def misread(own: Campaign, robot: Robot) -> Iterator[tuple[int, str]]:
     """States whose tip is far `off_surface`, but on it with two of their pressures exchanged; or by `TIMES_UNREPEATED` times what
-    is usual, at pressures of no other state, between states that are on it, and at no peak; and what to say of each. None where
-    more than `FEW` of all states are far: the surface is not theirs."""
+    is usual, at pressures and loads of no other state, either between states that are on it and at no peak, or at pressures that
+    `AGAINST` others under other loads have; and what to say of each. None where more than `FEW` of all states are far: the surface
+    is not theirs."""
     seen, words = np.linalg.norm(own.tip, axis=1) <= FARTHEST * robot.length, robot.actuators.words
     rows = np.flatnonzero(off_surface(own.trials, own.tip, seen, robot.length)[1] & seen) if seen.any() else np.arange(0)
     if not 0 < len(rows) <= FEW * len(own):
@@ -354,13 +355,16 @@ def misread(own: Campaign, robot: Robot) -> Iterator[tuple[int, str]]:
     both = Table.stacked([own.trials, *(far.replaced({a: far[b], b: far[a]}) for a, b in pairs)])
     seen = np.append(seen, np.zeros(len(both) - len(own), bool))
     off, _, leverage = off_surface(both, both.tip, seen, robot.length)
-    usual, lefts = float(np.median(off[seen])), np.where(leverage < 1, off, np.inf)[len(own) :].reshape(len(pairs), -1).T
+    usual, load = float(np.median(off[seen])), loads(own.trials)
+    lefts = np.where(leverage < 1, off, np.inf)[len(own) :].reshape(len(pairs), -1).T
     for i, left in zip(rows.tolist(), lefts, strict=True):
         away = f"the tip is {1e3 * off[i]:.1f} mm from where the other states put it, usually {1e3 * usual:.2g} mm"
-        alone = np.count_nonzero(np.abs(own.pressure - own.pressure[i]).max(axis=1) <= own.pressure_gap) == 1
+        alike = np.abs(own.pressure - own.pressure[i]).max(axis=1) <= own.pressure_gap
+        alone = np.count_nonzero(alike & (load == load[i]).all(axis=1)) == 1
+        shown = alike.sum() > AGAINST or (leverage[i] < KNOWN and _between(own, off, i))
         if left.min(initial=np.inf) < min(EXCHANGED * usual, EXCHANGED_SHARE * off[i]):
             pair = " and ".join(column[1:] for column in pairs[left.argmin()])
             exchange = f"{words.pressures} {pair} are exchanged: {away}, and with these exchanged {1e3 * left.min():.1f} mm"
             yield int(own.row[i]), f"{exchange}: left out; correct the cells"
-        elif off[i] > TIMES_UNREPEATED * usual and leverage[i] < KNOWN and alone and _between(own, off, i):
+        elif off[i] > TIMES_UNREPEATED * usual and leverage[i] < 1 and alone and shown:
             yield int(own.row[i]), f"{away}: left out"

@@ -219,21 +219,25 @@ def test_one_place_off_the_path_of_all_repeats_is_left_out_and_what_lasts_recurs
         ("exchanged", 1, "pressures 2 and 3 are exchanged: the tip is .* mm from where the other states put it"),
         ("misplaced", 1, "the tip is .* mm from where the other states put it"),
         ("misplaced", 2, "the tip is .* mm from all its repeats"),
+        ("loaded", 3, "the tip is .* mm from where the other states put it"),
         ("snaps", 1, ""),
     ],
 )  # fmt: skip
 def test_the_other_states_show_which_one_is_misread_and_no_law_of_the_body_is(wrong: str, repeats: int, found: str) -> None:
     random, at = np.random.default_rng(3), np.arange(repeats * 60)
     once = 10e3 * random.integers(0, 11, (60, 3))
-    once[7:9] = (30e3, 90e3, 10e3), (100e3, 0.0, 0.0)  # so that state 7 is no peak
+    once[7:9] = (30e3, 90e3, 10e3), (100e3 * (wrong != "loaded"), 0.0, 0.0)  # so that state 7 is a peak under a load alone
     pressures = np.tile(once, (repeats, 1))
     tip = np.column_stack([2e-7 * (pressures[:, :2] - pressures[:, 2:]), 0.15 - 4e-12 * pressures[:, 0] ** 2])
     tip += random.normal(0.0, 2e-4, tip.shape)
-    tip[7] += 0.04 * (wrong == "misplaced")
+    tip[7] += 0.04 * (wrong in ("misplaced", "loaded"))
+    mass = 0.05 * (at < 10) * (wrong == "loaded")
     tip[pressures[:, 0] > 93e3] += 0.03 * (wrong == "snaps")
     pressures[7] = pressures[7, [0, 2, 1]] if wrong == "exchanged" else pressures[7]
     columns = dict(zip(("p1", "p2", "p3", *TIP), np.column_stack([pressures, tip]).T, strict=True))
-    kept = believed(Table({"spine_length": 0.0 * at, "trial": at // 10, "step": at, **columns}), load(ROBOT, Robot))
+    kept = believed(
+        Table({"spine_length": 0.0 * at, "tip_mass": mass, "trial": at // 10, "step": at, **columns}), load(ROBOT, Robot)
+    )
     assert len(kept) == len(at) - len(kept.warnings) == len(at) - bool(found)
     assert not found or re.match(f"trial 0 step 7: {found}", kept.warnings[0])
 
