@@ -345,8 +345,8 @@ def off_surface(states: Table, place: Array, seen: Mask, length: float) -> tuple
 def misread(own: Campaign, robot: Robot) -> Iterator[tuple[int, str]]:
     """States whose tip is far `off_surface`, but on it with two of their pressures exchanged; or by `TIMES_UNREPEATED` times what
     is usual, at pressures and loads of no other state, either between states that are on it and at no peak, or at pressures that
-    `AGAINST` others under other loads have; and what to say of each. None where more than `FEW` of all states are far: the surface
-    is not theirs."""
+    `AGAINST` others have under other loads; and what to say of each. None where more than `FEW` of all states are far: the
+    surface is not theirs."""
     seen, words = np.linalg.norm(own.tip, axis=1) <= FARTHEST * robot.length, robot.actuators.words
     rows = np.flatnonzero(off_surface(own.trials, own.tip, seen, robot.length)[1] & seen) if seen.any() else np.arange(0)
     if not 0 < len(rows) <= FEW * len(own):

@@ -231,13 +231,12 @@ def test_the_other_states_show_which_one_is_misread_and_no_law_of_the_body_is(wr
     tip = np.column_stack([2e-7 * (pressures[:, :2] - pressures[:, 2:]), 0.15 - 4e-12 * pressures[:, 0] ** 2])
     tip += random.normal(0.0, 2e-4, tip.shape)
     tip[7] += 0.04 * (wrong in ("misplaced", "loaded"))
-    mass = 0.05 * (at < 10) * (wrong == "loaded")
+    mass = 0.05 * (at < 60) * (wrong == "loaded")
     tip[pressures[:, 0] > 93e3] += 0.03 * (wrong == "snaps")
     pressures[7] = pressures[7, [0, 2, 1]] if wrong == "exchanged" else pressures[7]
     columns = dict(zip(("p1", "p2", "p3", *TIP), np.column_stack([pressures, tip]).T, strict=True))
-    kept = believed(
-        Table({"spine_length": 0.0 * at, "tip_mass": mass, "trial": at // 10, "step": at, **columns}), load(ROBOT, Robot)
-    )
+    columns |= {"spine_length": 0.0 * at, "tip_mass": mass, "trial": at // 10, "step": at}
+    kept = believed(Table(columns), load(ROBOT, Robot))
     assert len(kept) == len(at) - len(kept.warnings) == len(at) - bool(found)
     assert not found or re.match(f"trial 0 step 7: {found}", kept.warnings[0])
 
