@@ -253,10 +253,9 @@ def stands_for(c: Calibration | None, words: Words) -> str:
 
 
 def closed_by_calibration(d: Diagnosis) -> float | None:
-    """Share of the reducible gap that calibration closes, where it changed a number and that is most; None otherwise."""
+    """Share of the reducible gap that calibration closes, where that is most; None otherwise."""
     w = d.waterfall
-    calibrated_first = d.detail.get("first_calibration", {}).get("adjusted")
-    if d.calibration is None or w is None or not (_factor(d) or calibrated_first or d.calibration.set_up):
+    if d.calibration is None or w is None:
         return None
     closed = share_closed(w.given_mm, w.steps[0].left_mm, d.locate.noise_floor_mm)
     return closed if closed is not None and closed > judgement.EXPLAINS else None
