@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 
 from ..arrays import Array, Ints, Mask, rms, rows_by
 from ..data.campaign import Campaign
-from ..data.levels import MASS_GAP, SPINE_GAP, levels
+from ..data.levels import MASS_GAP, SPINE_GAP, distinct, levels
 from ..inference.prepare import TINY, Prepared
 from ..judgement import CONCENTRATED_GAIN, CONCENTRATED_RATIO, FALSE_DISCOVERY_RATE, FEWEST_CONCENTRATED
 from .attribute import Attribution
@@ -111,10 +111,8 @@ def _specimens(p: Prepared, missed: Array) -> Iterator[_Part]:
         return
     missed, s = missed[p.states.pushed], p.states.take(p.states.pushed)
     body = (s.trials.get("specimen") == "body").astype(np.int64)
-    length = levels(s.spine_length, SPINE_GAP)
-    for specimen, k in np.unique(np.column_stack([body, length]), axis=0):
-        own = (body == specimen) & (length == k)
-        name = "body" if p.robot.spine is None else f"{'body, ' * specimen}spine {100 * s.spine_length[own].mean():.3g} cm"
+    for own in rows_by(distinct(body, levels(s.spine_length, SPINE_GAP))):
+        name = "body" if p.robot.spine is None else f"{'body, ' * body[own[0]]}spine {100 * s.spine_length[own].mean():.3g} cm"
         yield ("stiffness", name, s.trial[own], missed[own, None], p.pushes.noise_floor)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import orth
 
 from ..arrays import Array, Ints, rows_by
 from ..data.noise import Lasting, Noise, blocks
@@ -89,8 +90,7 @@ def left(block: Ints, place: Ints, missed: Array, columns: Array) -> tuple[float
 def _basis(columns: Array) -> Array:
     """(n, r) orthonormal columns of the same span."""
     size = np.linalg.norm(columns, axis=0)
-    u, value, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return np.asarray(u[:, value > 1e-8 * value.max(initial=0.0)])
+    return np.asarray(orth(columns[:, size > 0] / size[size > 0], rcond=1e-8))
 
 
 def _lasting(block: Ints, place: Ints, values: Array, columns: Array) -> tuple[float, float, bool]:

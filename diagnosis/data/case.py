@@ -18,9 +18,8 @@ from ..arrays import Array, Ints, Mask, rows_by
 from ..errors import BadCase
 from ..findings import Finding, finding
 from ..remedies import of_trials
-from . import levels as gaps
 from .campaign import Campaign
-from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
+from .levels import LOADS, RATE_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, loads, pressure_gap, step_gap
 from .plausible import complete, implausible_values, of_body, require_plausible_pushes
 
 UNCLEAR = 0.35, 0.65
@@ -64,7 +63,7 @@ def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
     s = Campaign(table.take(row), row, none, none, pressure_gap(table.take(of_robot)))
     # states of the robot and pushes, by specimen and vacuum, come one behind the other, and share no number
     pushes = s.trials.take(s.pushed)
-    of_pushes = by_frequency(of_body(pushes).astype(np.int64), levels(pushes.get("vacuum", 0.0), gaps.VACUUM_GAP))
+    of_pushes = by_frequency(of_body(pushes).astype(np.int64), levels(pushes.get("vacuum", 0.0), VACUUM_GAP))
     kinds = np.concatenate([_kinds(s.take(~s.pushed)), of_pushes])
     s = replace(s, kind=distinct(s.pushed, kinds))
     found = np.concatenate([_conditions(s.take(~s.pushed)), _conditions_of_pushes(s.take(s.pushed))])
@@ -81,7 +80,7 @@ def _conditions(s: Campaign) -> Ints:
     # settled readings take varying times; holds of 2, 5 and 10 s were meant to differ
     hold = levels(np.log1p(s.trials.get("hold", 0.0)), 0.4)
     level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
-    found = distinct(levels(s.spine_length, gaps.SPINE_GAP), level, branch, s.kind, hold)
+    found = distinct(levels(s.spine_length, SPINE_GAP), level, branch, s.kind, hold)
     settings = np.zeros(s.pressure.shape, np.int64)
     for own in (found == c for c in np.unique(found)):
         # chambers that differ by more were set otherwise, whatever the highest pressure is
@@ -100,16 +99,14 @@ def _kinds(s: Campaign) -> Ints:
         inflated[in_trial] = _sweeps(inflated[in_trial], s.pressure[in_trial], s.pressure_gap)
         ramp[in_trial] = rate[in_trial].max() if while_ramping[in_trial].any() else 0.0
     vacuum = np.zeros(len(trials), np.int64)
-    for own in rows_by(levels(s.spine_length, gaps.SPINE_GAP)):  # a leak takes more from a longer spine
-        vacuum[own] = levels(-trials.get("vacuum", 0.0)[own], gaps.VACUUM_GAP)
+    for own in rows_by(levels(s.spine_length, SPINE_GAP)):  # a leak takes more from a longer spine
+        vacuum[own] = levels(-trials.get("vacuum", 0.0)[own], VACUUM_GAP)
     return by_frequency(
         np.unique(trials.get("protocol"), return_inverse=True)[1],
         distinct(inflated),
-        levels(trials.get("tip_mass", 0.0), gaps.MASS_GAP),
-        levels(trials.get("roll_deg", 0.0), gaps.ROLL_GAP),
-        *(levels(along_axis, gaps.FORCE_GAP) for along_axis in trials.tip_force.T),
+        loads(trials)[:, [name not in ("spine_length", "vacuum") for name in LOADS]],
         vacuum,
-        levels(ramp, gaps.RATE_GAP),
+        levels(ramp, RATE_GAP),
     )
 
 
@@ -132,7 +129,7 @@ def lacking(s: Campaign) -> tuple[str, ...]:
     specimen pushed to two deflections at two lengths, or two specimens. Templates of `Words`."""
     own, pushes = s.take(~s.pushed), s.take(s.pushed)
     if not (len(own) and own.repeats >= 2):
-        places = len(np.unique(distinct(levels(pushes.spine_length, gaps.SPINE_GAP), pushes.kind)))
+        places = len(np.unique(distinct(levels(pushes.spine_length, SPINE_GAP), pushes.kind)))
         if len(np.unique(pushes.condition)) > places > 1 and pushes.repeats >= 2:
             return ()
         if not len(own):
@@ -147,7 +144,7 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
     """What a small table, and its stiffness trials, cannot answer."""
     tips, pushes, words = s.take(~s.pushed), s.take(s.pushed), robot.actuators.words
     if len(tips):
-        if robot.spine is not None and len(np.unique(levels(tips.spine_length, gaps.SPINE_GAP))) < 2:
+        if robot.spine is not None and len(np.unique(levels(tips.spine_length, SPINE_GAP))) < 2:
             yield finding("one_spine_length", words)
         if len(np.unique(levels(tips.highest, s.pressure_gap))) < 2:
             yield finding("one_pressure", words)
@@ -167,13 +164,13 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
         if pushes.repeats < 3:
             how = "were not repeated" if pushes.repeats < 2 else "were repeated only once"
             yield finding("deflections_not_repeated", how=how)
-        if len(np.unique(levels(pushes.spine_length, gaps.SPINE_GAP))) < 2:
+        if len(np.unique(levels(pushes.spine_length, SPINE_GAP))) < 2:
             yield finding("one_stiffness_length")
 
 
 def _conditions_of_pushes(s: Campaign) -> Ints:
     """Number of each state's condition: kind, spine length, branch and step of deflection."""
-    same = distinct(s.kind, levels(s.spine_length, gaps.SPINE_GAP), -s.branch.astype(np.int64))
+    same = distinct(s.kind, levels(s.spine_length, SPINE_GAP), -s.branch.astype(np.int64))
     level = np.zeros(len(s), np.int64)
     for own in rows_by(same):
         level[own] = levels(s.deflection[own], step_gap(s.deflection[own], s.trial[own]))

@@ -154,13 +154,12 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
 def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:
     """Probabilities of the answers; `known` over the hypotheses, whose candidates also stand for the answers."""
     answer = _answer(b)
-    probability: dict[Hypothesis, float] = {}
+    probability: dict[Hypothesis, float] = {NONE: 0.0}
     sets, member = np.unique(b.names, axis=0, return_inverse=True)
     for in_draw, w in zip(sets.tolist(), np.bincount(member.ravel(), b.weight).tolist(), strict=True):
         named = tuple(e for e, chosen in zip(b.effects, in_draw, strict=True) if chosen)
         counted = answer if answer and set(answer) <= set(named) else named
         probability[counted] = probability.get(counted, 0.0) + w
-    probability.setdefault(NONE, 0.0)
     candidates = dict(known.candidates)
     for h in probability:
         if h not in candidates:  # never weighed alone: the most probable candidate that holds all of it, or any

@@ -91,12 +91,10 @@ class OnBaseline:
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Prediction, and its derivatives (observations, k)."""
         predicted, slope = self.forward.linearise(theta, columns)
-        wanted = list(range(slope.shape[1])) if columns is None else list(columns)
         kept, apart = 1.0 - theta[self._share], self._apart(theta)
         beside = {k: kept * excess for k, excess in self.varied.items()} | {self._share: -apart}
-        for k, excess in beside.items():
-            if k in wanted:
-                slope[:, wanted.index(k)] += excess
+        for j, k in enumerate(range(slope.shape[1]) if columns is None else columns):
+            slope[:, j] += beside.get(k, 0.0)
         return predicted + kept * apart, slope
 
     def near(self, theta: Array) -> OnBaseline:

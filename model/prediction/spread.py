@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from model.arrays import Array
 from model.effects.readings import Readings
@@ -76,8 +77,4 @@ def uncertain(robot: Robot) -> tuple[tuple[str, ...], Array]:
     if robot.spine is not None:
         spread |= dict(zip(TRIAL, (noise.spine_length, noise.spine_stiffness), strict=True))
     further = {name: sd for name, sd in spread.items() if sd > 0}
-    k = len(names)
-    out = np.zeros((k + len(further),) * 2)
-    out[:k, :k] = covariance
-    out[range(k, len(out)), range(k, len(out))] = [sd**2 for sd in further.values()]
-    return (*names, *further), out
+    return (*names, *further), block_diag(covariance, np.diag([sd**2 for sd in further.values()]))

@@ -167,15 +167,11 @@ def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> Non
 def test_each_stop_is_named_when_it_comes_and_at_open(rig: Rig, state: str, name: str) -> None:
     with a_ur5e(rig) as arm:
         rig.process.backdoor("safety", name=state)
-        raises(DeviceFault, f"^arm: {name}.*;", watch_for_a_fault, arm)
+        wait_until(lambda: not arm._state.latest().safety_bits & 1)
+        raises(DeviceFault, f"^arm: {name}.*;", arm.moving)
         raises(DeviceFault, f"^arm: {name}.*;", arm.confirm_settings)
     with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"), a_ur5e(rig):
         pass
-
-
-def watch_for_a_fault(arm: UR5) -> None:
-    wait_until(lambda: not arm._state.latest().safety_bits & 1)
-    arm.moving()
 
 
 def test_every_bit_that_is_no_running_mode_has_a_name_and_a_remedy() -> None:

@@ -164,18 +164,14 @@ def test_an_answer_that_never_ends_is_no_answer(monkeypatch: pytest.MonkeyPatch)
 
 
 # ------------------------------------------------------------------ the door next to rig.yaml
-def elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in another network name space, no abstract name of before is in reach from here on."""
-    monkeypatch.setattr(door, "PREFIX", f"{door.PREFIX}elsewhere/")
-
-
 def test_a_guard_out_of_reach_of_its_names_is_asked_next_to_rig_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / ("long" * 40)
     folder.mkdir()
     rig = folder / "rig.yaml"
     second = Door(names_of_path(rig), Lander(), str(rig), "lab run bending")
     with open_door(names_of_path(rig), str(rig), "lab run bending"):
-        elsewhere(monkeypatch)
+        # as in another network name space, no abstract name of before is in reach from here on
+        monkeypatch.setattr(door, "PREFIX", f"{door.PREFIX}elsewhere/")
         assert stat.S_IMODE((folder / "rig.yaml.sock").stat().st_mode) == 0o600
         assert [answer for _, answer in land(names_of_path(rig), rig).answered] == [LandingAnswer(REPORT, "the arm moves")]
         raises(RigLocked, "in use: lab run bending", second.open, within=3600)
