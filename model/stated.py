@@ -101,9 +101,8 @@ class Posterior(FileTable):
     def _is_a_correlation(self) -> Posterior:
         """Refuse names that repeat and what is no positive definite lower triangle with ones on its diagonal."""
         k = len(self.parameters)
-        if len(set(self.parameters)) < k:
-            twice = next(name for name in self.parameters if self.parameters.count(name) > 1)
-            raise ValueError(f"parameters: {twice} stands there twice")
+        if twice := [name for name in self.parameters if self.parameters.count(name) > 1]:
+            raise ValueError(f"parameters: {twice[0]} stands there twice")
         lengths = [len(row) for row in self.correlation]
         if lengths != list(range(1, k + 1)):
             raise ValueError(

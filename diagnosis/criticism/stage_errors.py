@@ -102,8 +102,6 @@ def odds_unnamed(free_form: float, excess_scatter: float) -> float:
 def free_form_gain(g: Gaussian, columns: Array) -> float:
     """log of the mean of Z(s) over `STAGE_ERROR_SIZES`, columns C (n, m): see the module's docstring."""
     columns = columns[:, (columns**2).sum(axis=0) > 1e-12]
-    if not columns.shape[1]:
-        return 0.0
     return _mean(gains_of(g.inner(columns), columns.T @ g.residual, judgement.STAGE_ERROR_SIZES))
 
 

@@ -262,10 +262,9 @@ def pressure_response(forward: ForwardModel, states: Campaign, parameters: FitPa
     row, pressure = forward.observations.row, with_vented_at_zero(states)
     regulator_chambers = regulators(states.pressure, pressure)
     inflated = np.array([pressure[:, group].max(axis=1) > 0 for group in regulator_chambers]).T
-    out = np.zeros((len(row), len(regulator_chambers)))
     by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in parameters.names)
-    if by_offset.any():
-        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope.take(np.array(parameters.names) == OFFSET).whole
+    offset = slope.along((np.array(parameters.names) == OFFSET).astype(float))
+    out = (inflated & by_offset[:, None])[row] * offset[:, None]
     by_difference = (~by_offset & inflated.any(axis=1))[row]
     if by_difference.any():
         for r, group in enumerate(regulator_chambers):

@@ -36,9 +36,8 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
     """
     known = {**CATALOGUE, **catalogue}
     own = scales(robot)
-    sized = {id: spec.of(own) for id, spec in known.items() if id in robot.causes}
     problems = [
-        *_problems("effects", robot.causes, {**known, **sized}),
+        *_problems("effects", robot.causes, {id: spec.of(own) for id, spec in known.items()}),
         *_problems("tolerances", robot.tolerances, tolerances(robot)),
     ]
     if problems:

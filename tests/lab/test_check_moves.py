@@ -39,14 +39,10 @@ ROUNDING = 1.01
 """A set-point is rounded to the steps of its unit."""
 
 
-@pytest.fixture(autouse=True)
-def _few_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lab.verbs.check.FRAMES", FRAMES)
-
-
 @pytest.fixture
-def start(simulated: SimulatedClock, tmp_path: Path) -> Iterator[Start]:
+def start(simulated: SimulatedClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
     """Fakes with such regulators, and a rig.yaml that tells of them what is given."""
+    monkeypatch.setattr("lab.verbs.check.FRAMES", FRAMES)
     with ExitStack() as running:
 
         def start(regulators: FakeRegulators, mocap: dict[str, Any] | None = None, **pressure: Any) -> tuple[FakeRig, Path]:
