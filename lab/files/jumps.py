@@ -291,7 +291,7 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
         far = far[[off[i] > STRAY * length or _alone(own, place, nearest, off, setting, i, length) for i in far.tolist()]]
         if far.size:
             distance, stray, leverage = off_surface(own.trials, place, reach <= FARTHEST * length, length)
-            far = far[~(stray & (leverage < KNOWN))[nearest[far]] | (distance[far] >= MUCH_LESS * off[far])]
+            far = far[~(stray & (leverage < 1))[nearest[far]] | (distance[far] >= MUCH_LESS * off[far])]
         for i in far.tolist() if len(far) <= FEW * len(own) else ():
             away = f"{1e3 * off[i]:.1f} mm from all its repeats, usually {1e3 * usual:.2g} mm: left out"
             yield (int(own.row[i]), body), f"{BODIES[body]} is {away}"
