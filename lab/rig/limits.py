@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -170,17 +171,11 @@ def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator
         ("arm acceleration", ask.arm_acceleration, "m/s^2", "instruments.arm.max_acceleration"),
         ("tip mass", None if ask.setup is None else ask.setup.tip_mass, "kg", ""),
     ):
-        yield StepDemand(name, value or 0.0, unit, _limit(rig, key), key, path)
+        parts: list[Any] = [rig, *key.split(".")]
+        limit = reduce(lambda found, name: getattr(found, name, None), parts) if key else None
+        yield StepDemand(name, value or 0.0, unit, limit, key, path)
     if push is not None:
         yield StepDemand("expected force", force or 0.0, "N", push.max_force, "max_force", "the protocol")
-
-
-def _limit(rig: RigFile, key: str) -> float | None:
-    """The number at a dotted key of rig.yaml; None where there is none."""
-    found: object = rig if key else None
-    for name in key.split("."):
-        found = getattr(found, name, None)
-    return found if isinstance(found, float) else None
 
 
 def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
