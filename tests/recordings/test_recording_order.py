@@ -48,10 +48,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return rewritten(path, path.with_name("whole.mcap"), more=[("/trial", p, n) for n, p in zip(rows, encoded, strict=True)])
 
 
-def unnumbered(topic: str, number: int, message: Message) -> None:
-    message.sequence = 0
-
-
 SMALL = {"seed": 1, "chunk_size": 700}
 BARE = dict.fromkeys(("use_statistics", "repeat_channels", "repeat_schemas", "enable_crcs"), False)
 
@@ -71,7 +67,7 @@ BARE = dict.fromkeys(("use_statistics", "repeat_channels", "repeat_schemas", "en
 def test_tables_replay_and_what_is_played_do_not_depend_on_the_order_in_the_file(
     run: Path, tmp_path: Path, how: dict[str, object], numbers: bool
 ) -> None:
-    change = {} if numbers else {"change": unnumbered}
+    change = {} if numbers else {"change": lambda _, __, message: setattr(message, "sequence", 0)}
     a = Recording.open(rewritten(run, tmp_path / "a.mcap", **change))
     b = Recording.open(rewritten(run, tmp_path / "b.mcap", **change, **how))
     for topic in STREAMS:
