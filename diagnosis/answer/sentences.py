@@ -446,11 +446,10 @@ def _closing(d: Diagnosis) -> str:
         return ""
     if share < judgement.EXPLAINS:
         return (
-            f"The nearest effect is {nearest}, which does not explain the gap (unseen states: {before} mm without it, {after} mm "
-            "with it)."
+            f"Nearest comes {nearest}, without explaining the gap (unseen states: {before} mm without this, {after} mm with it)."
         )
     return (
-        f"The nearest effect is {nearest}. It closes {percent(share)} % of the reducible gap on unseen states, but the remaining "
+        f"Nearest comes {nearest}. This closes {percent(share)} % of the reducible gap on unseen states, but the remaining "
         "errors are not noise."
     )
 

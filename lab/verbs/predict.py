@@ -73,7 +73,7 @@ def predict(robot: Robot, states: Columns, files: tuple[Path | None, Path | None
         tips(pressures.max(axis=1), np.asarray(lengths, float), prediction, path, robot.actuators.words)
 
     named = f"{robot.name}, {' + '.join(robot.effects) or 'no effect'}"
-    title = f"Expected readings of the tip, p in {robot.actuators.words.unit}: {named}"
+    title = f"Expected tip (end of the rod of robot.yaml, in the base frame), p in {robot.actuators.words.unit}: {named}"
     lengths, pressures, rows = bending["spine_length"], _pressures(robot, bending), prediction_rows(bending, prediction)
     sheet = partial(_sheet, title, robot, {}, lengths, pressures, prediction)
     return _result(robot, files, "states", rows, sheet, draw, missing, notes)
