@@ -408,13 +408,14 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
     frame = Frame(**g.values.get("frame", {})).matrix
     misfit_of = misfits(series, orientation, frame, tip.places @ frame.T, tip.resting)
     order = "euler XYZ" if misfit_of and clearly_worse(misfit_of["euler xyz"], misfit_of["euler XYZ"]) else "euler xyz"
-    if three.words & {"rotvec", "vector", "axis"}:
+    in_rad = unit == "rad" and min(misfit_of, key=misfit_of.__getitem__, default="")
+    if three.words & {"rotvec", "vector", "axis"} or in_rad == orientation.order:
         order = orientation.order
     entry = {"columns": list(three.columns), "order": order, "unit": unit}
     g.say("orientation", entry, f"three angles, up to {largest:.4g} {unit}")
     fits = ", ".join(f"{deg:.1f} deg with {name}" for name, deg in misfit_of.items())
     misfits_text = f"; the tip turns about axes that differ from its bending axis by {fits}" if fits else ""
     remedy = f"Check the order: {ORDERS_IN_WORDS}"
-    if misfit_of and min(misfit_of.values()) > NO_ORDER_FITS:
+    if min(misfit_of.values(), default=0.0) > NO_ORDER_FITS:
         remedy = "No order fits: two columns of the tip or of the actuators may be swapped, or the frame is wrong"
     g.doubt("orientation.order", f"{' / '.join(three.columns)} are taken as {order} in {unit}{misfits_text}. {remedy}")

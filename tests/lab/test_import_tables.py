@@ -374,17 +374,21 @@ def test_headings_of_chambers(name: str, number_of: int | None) -> None:
 
 # ------------------------------------------------------------------ angles
 @pytest.mark.parametrize(
-    "names", [("Roll", "Pitch", "Yaw"), ("Tip Rx (deg)", "Tip Ry (deg)", "Tip Rz (deg)"), ("Rollen", "Nicken", "Gieren")]
-)
+    "names",
+    [("Roll", "Pitch", "Yaw"), ("Tip Rx (deg)", "Tip Ry (deg)", "Tip Rz (deg)"), ("Rollen", "Nicken", "Gieren"),
+     ("Rx [rad]", "Ry [rad]", "Rz [rad]")],
+)  # fmt: skip
 def test_three_angles_are_the_tip_s_orientation(names: tuple[str, ...], tmp_path: Path) -> None:
+    unit, order = ("rad", "rotation vector") if "rad" in names[0] else ("deg", "euler xyz")
+
     def change(k: int, cells: list[str]) -> list[str]:
         chamber, level = k // 5 % 3, FEW[k][1 + k // 5 % 3]
-        turn = np.degrees(0.013 * level)
+        turn = 0.013 * level if unit == "rad" else np.degrees(0.013 * level)
         azimuth = np.radians(120 * chamber)
         return [*cells, f"{turn * np.sin(azimuth):.4f}", f"{-turn * np.cos(azimuth):.4f}", "0.0"]
 
     made, result = through(tmp_path / "table.csv", text(FEW, headings=[*HEADINGS, *names], change=change))
-    assert made.values["orientation"] == {"columns": list(names), "order": "euler xyz", "unit": "deg"}
+    assert made.values["orientation"] == {"columns": list(names), "order": order, "unit": unit}
     assert any("orientation" in d and "order" in d for d in made.doubts) and "roll_deg" not in made.values["columns"]
     assert {r.roll_deg for r in result.table} == {None} and result.table.rows[2].orientation is not None
 
