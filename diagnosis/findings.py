@@ -168,7 +168,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}){limit}{rather}",
         "length_differs": (
             "length {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}): measure it without {pressure}, from the base "
-            "to the tracked point, and correct length in robot.yaml{rather}"
+            "to the tracked point, and correct length in robot.yaml, or `sensor` in map.yaml{rather}"
         ),
         "arc_differs": (
             "marker {number} is at arc length {found:.4g} mm instead of {given:.4g} mm (p = {p:.2f}): measure it along the body "
