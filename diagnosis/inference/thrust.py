@@ -2,7 +2,7 @@
 
 Both conventions are fitted with the area factor, the tolerances and effects that may act as well. That the side walls take it is
 settled where this leaves far less, and likely where it leaves less with all of the thrust on them and an area no farther from
-robot.yaml's; the diagnosis then looks for what is beyond it.
+robot.yaml's; the walls are plain, or shaped where this leaves far less. The diagnosis then looks for what is beyond it.
 """
 
 from __future__ import annotations
@@ -60,12 +60,13 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     parameters = p.problem.parameters
     other_effects = tuple(e for e in BESIDE if e in parameters.ids)
 
-    shapes, names = tuple(f"{THRUST}.{n}" for n in ("borne", "growth")), np.array(parameters.names)[parameters.of_effect]
+    shapes = {f"{THRUST}.{name}": name for name in ("borne", "growth")}
+    held = np.isin(np.array(parameters.names)[parameters.of_effect], [*shapes])
 
-    def fitted(named: tuple[str, ...], start: np.ndarray, fixed: tuple[str, ...] = ()) -> tuple[float, dict[str, float]]:
-        """rms (mm) of the tip with these effects free but `fixed` parameters, and the parameters fitted."""
+    def fitted(named: tuple[str, ...], start: np.ndarray, plain: bool = False) -> tuple[float, dict[str, float]]:
+        """rms (mm) of the tip with these effects free, shapes of the walls held where they are `plain`, and the parameters."""
         prior = parameters.prior_of(named)
-        prior = replace(prior, variance=np.where(np.isin(names, fixed), 0.0, prior.variance))
+        prior = replace(prior, variance=np.where(held & plain, 0.0, prior.variance))
         best = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
         values = dict(zip(parameters.names, best.theta.tolist(), strict=True))
         return 1e3 * rms(p.gap(p.problem.observed - best.predicted)), values
@@ -76,11 +77,10 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     settled, as_stated = walls <= WALLS_GAIN * cap, abs(found[AREA]) <= abs(on_cap[AREA])
     if found[f"{THRUST}.share"] < ON_WALLS or not (settled or (as_stated and walls <= LIKELY_WALLS_GAIN * cap)):
         return None
-    plain, of_plain = fitted((THRUST, *other_effects), np.array([found[name] for name in parameters.names]), shapes)
-    if walls > LIKELY_WALLS_GAIN * plain:  # shapes would take up what other causes do
-        walls, found = plain, of_plain
-    stated = {name.removeprefix(f"{THRUST}."): Stated(value=found[name], unit="1") for name in shapes}
-    of_walls = {THRUST: {"share": Stated(value=1.0, unit="1"), **stated}} if any(found[name] for name in shapes) else {}
-    with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, **of_walls}})
-    words = robot.actuators.words
-    return with_walls, finding("thrust_settled" if settled else "thrust_likely", words, walls_mm=walls, cap_mm=cap)
+    plain = fitted((THRUST, *other_effects), np.array([found[name] for name in parameters.names]), plain=True)[0]
+    with_walls, words = robot.model_copy(update={"thrust": "walls"}), robot.actuators.words
+    if walls <= LIKELY_WALLS_GAIN * plain:  # else shapes would take up what other causes do
+        values = {"share": 1.0, **{name: found[key] for key, name in shapes.items()}}
+        stated = {name: Stated(value=value, unit="1") for name, value in values.items()}
+        with_walls, plain = with_walls.model_copy(update={"effects": {**robot.effects, THRUST: stated}}), walls
+    return with_walls, finding("thrust_settled" if settled else "thrust_likely", words, walls_mm=plain, cap_mm=cap)
