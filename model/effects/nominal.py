@@ -37,7 +37,7 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
     known = {**CATALOGUE, **catalogue}
     own = scales(robot)
     problems = [
-        *_problems("effects", robot.causes, {id: spec.of(own) for id, spec in known.items()}),
+        *_problems("effects", robot.causes, {id: spec.of(own) if id in robot.causes else spec for id, spec in known.items()}),
         *_problems("tolerances", robot.tolerances, tolerances(robot)),
     ]
     if problems:
