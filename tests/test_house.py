@@ -53,8 +53,8 @@ def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_w
 
 
 MOST_LINES = {
-    "lab": 25_926, "drivers": 7_237, "model": 12_411, "protocols": 2_738, "recordings": 7_394, "diagnosis": 13_479,
-    "sim_fakes": 7_437, "product": 76_914, "tests": 36_859, "benchmarks": 9_958,
+    "lab": 25_926, "drivers": 7_237, "model": 12_410, "protocols": 2_738, "recordings": 7_394, "diagnosis": 13_479,
+    "sim_fakes": 7_437, "product": 76_913, "tests": 36_859, "benchmarks": 9_958,
 }  # fmt: skip
 """Lines of Python of each room, of the product as a whole (its rooms and timing.py), of its tests and of the research on it: what
 a person has to scroll through. A change may lower a number; it raises none."""
@@ -90,7 +90,7 @@ def test_in_lab_only_the_modules_that_start_them_import_the_fakes() -> None:
 
 
 def test_no_file_names_a_machine_path_or_a_package_index() -> None:
-    bad = re.compile(r"/work/|/root/|/home/|https?://[^/\s]*(pypi|npmjs|artifactory|index)[^\s]*", re.IGNORECASE)
+    bad = re.compile(r"/(?:work|root|home)/|https?://[^/\s]*(pypi|npmjs|artifactory|index)[^\s]*", re.IGNORECASE)
     assert [(name, found.group()) for name, text in own_files(__file__).items() if (found := bad.search(text))] == []
 
 

@@ -408,8 +408,8 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
     frame = Frame(**g.values.get("frame", {})).matrix
     misfit_of = misfits(series, orientation, frame, tip.places @ frame.T, tip.resting)
     order = "euler XYZ" if misfit_of and clearly_worse(misfit_of["euler xyz"], misfit_of["euler XYZ"]) else "euler xyz"
-    in_rad = unit == "rad" and min(misfit_of, key=misfit_of.__getitem__, default="")
-    if three.words & {"rotvec", "vector", "axis"} or in_rad == orientation.order:
+    nearest = min(misfit_of, key=misfit_of.__getitem__, default="")
+    if three.words & {"rotvec", "vector", "axis"} or (unit == "rad" and nearest == orientation.order):
         order = orientation.order
     entry = {"columns": list(three.columns), "order": order, "unit": unit}
     g.say("orientation", entry, f"three angles, up to {largest:.4g} {unit}")

@@ -23,8 +23,7 @@ ORDERS = ((1, -1), (-1, -1), (-1, 0), (-1, 1), (1, 1))
 
 
 def slack(p: np.ndarray, band: np.ndarray, soft: np.ndarray) -> np.ndarray:
-    """f(p - band) - f(-band), f(x) = (x + sqrt(x^2 + soft^2)) / 2: what is left of p after the first `band` of it, its corner
-    rounded over `soft`."""
+    """p without its first `band`, the corner rounded over `soft`: f(p - band) - f(-band), f(x) = (x + sqrt(x^2 + soft^2)) / 2."""
     return np.asarray(0.5 * (p + np.sqrt((p - band) ** 2 + soft**2) - np.sqrt(band**2 + soft**2)))
 
 
