@@ -197,7 +197,7 @@ def _prepared(case: Case, options: Options) -> tuple[Prepared, Finding | None, E
         settled, edited = settled_and_edited(case.robot, campaign, options.catalogue, options.catalogue)
     try:
         catalogue = dict(options.catalogue)
-        if settled is not None:  # the share that the walls take is known no better than its law
+        if edited.robot.thrust == "walls":  # stated or settled, the share that they take is known no better than its law
             catalogue[THRUST] = replace(catalogue[THRUST], tolerated=True)
         prepared = prepare(edited.robot, edited.states, catalogue=catalogue, baseline=baseline)
     except np.linalg.LinAlgError as error:

@@ -123,6 +123,14 @@ def test_thrust_on_the_walls_does_not_hide_the_cause_beyond_it(turned: Measured)
     assert "write `thrust: walls`" in note.text and note.values["walls_mm"] < 0.3 * note.values["cap_mm"]
 
 
+def test_to_state_the_walls_that_were_settled_changes_no_answer() -> None:
+    plain = measured(3, 2, FEW, chamber_azimuth__angle=np.radians(8), chamber_thrust__share=1.0)
+    settled, stated = (
+        diagnose(replace(plain, robot=plain.robot.replace(thrust=thrust)), quick(RIVALS)).attribute for thrust in (None, "walls")
+    )
+    assert settled.effects == stated.effects == ("chamber_azimuth",) and settled.ranking == stated.ranking
+
+
 def test_a_little_thrust_on_the_cap_is_no_cause_beyond_thrust_on_the_walls() -> None:
     little = measured(3, 2, FEW, chamber_thrust__share=0.93, chamber_thrust__borne=0.6)
     found = diagnose(little, quick(RIVALS | {"marker_offset": CATALOGUE["marker_offset"]}))
