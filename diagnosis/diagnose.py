@@ -36,7 +36,7 @@ from .data.drift import drift
 from .data.shift import shifted
 from .edits.order import ORDER
 from .edits.search import Edited
-from .errors import BadCase
+from .errors import FAR_OFF, BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
 from .inference.budget import weighed
@@ -201,10 +201,7 @@ def _prepared(case: Case, options: Options) -> tuple[Prepared, Finding | None, E
             catalogue[THRUST] = replace(catalogue[THRUST], tolerated=True)
         prepared = prepare(edited.robot, edited.states, catalogue=catalogue, baseline=baseline)
     except np.linalg.LinAlgError as error:
-        raise BadCase(
-            "the model of robot.yaml is too far from these data to be compared with them: check youngs_modulus, area_factor and "
-            "gravity of robot.yaml, and the units of the table"
-        ) from error
+        raise BadCase(f"the model of robot.yaml is too far from these data to be compared with them: {FAR_OFF}") from error
     if edited.changes:
         prepared = replace(prepared, described=(case.robot, campaign))
         held_out = None if held_out is None else edited.moved(held_out)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+FAR_OFF = "check tip_mass, gravity, moduli, area_factor and radii of robot.yaml, the units of the table, and `lab compare`"
+"""Remedy where a robot cannot be, or nearly cannot be, what was measured."""
+
 
 class DiagnosisError(Exception):
     """Anything the diagnosis refuses."""

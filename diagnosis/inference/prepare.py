@@ -24,7 +24,7 @@ from ..arrays import Array, Mask, scattered
 from ..data.campaign import Campaign, Labels, places
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
-from ..errors import BadCase
+from ..errors import FAR_OFF, BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR, OF_MOVED
 from .budget import BudgetPart
 from .discrepancy import settings, smooth_errors
@@ -151,7 +151,7 @@ def prepare(
     observed = forward.observe(table)
     kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
-        raise BadCase("the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor")
+        raise BadCase(f"the rod model has no equilibrium at any measured state: {FAR_OFF}")
     labels = Labels(forward.observations.row[kept], forward.observations.channel[kept].astype(np.str_))
     made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]

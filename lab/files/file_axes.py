@@ -20,7 +20,7 @@ OFFSET = "marker_offset"
 
 @dataclass(frozen=True)
 class FileAxes:
-    """A point p (m, base frame) is s (M^T p + b) in the file: M turns recorded axes into the base's, b is the place of the base, and
+    """A point p (m, base frame) is s (M^T p + b) in the file: M turns recorded axes into the base's, b is the base's place and
     s are the signs of the scales of x, y and z. Orientations R are M^T R mount^-1 M, as signs do not count in them."""
 
     turn: Array
@@ -69,7 +69,7 @@ class FileAxes:
                        orientation=turned.as_quat(canonical=True, scalar_first=True), **sd)  # fmt: skip
 
     def from_file(self, targets: Array, weights: Array) -> tuple[Array, Array]:
-        """(m, 3) targets of a file and their weights in the base frame; raises BadCondition for what oblique axes cannot state."""
+        """(m, 3) m: a file's targets and their weights in the base frame; raises BadCondition for what oblique axes cannot state."""
         shifted = self.signs * targets - (0.0 if self.base is None else self.base)
         if np.isin(self.turn, (-1.0, 0.0, 1.0)).all():
             axis = np.abs(self.turn).argmax(axis=1)

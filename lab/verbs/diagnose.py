@@ -19,7 +19,7 @@ from diagnosis.answer.sentences import stands_for
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
-from diagnosis.errors import BadHoldout
+from diagnosis.errors import FAR_OFF, BadHoldout
 from diagnosis.findings import finding
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.on_baseline import Baseline
@@ -92,10 +92,7 @@ def _answer(case: Case, robot: Path | None, wanted: argparse.Namespace, executor
     except BadHoldout as e:
         raise ConfigError(f"--holdout {wanted.holdout}: {e}") from e
     except np.linalg.LinAlgError as e:
-        raise ConfigError(
-            f"the fit has no unique solution ({str(e).lower()}): a number of robot.yaml is far from the data; check path_radius, "
-            "the other radii, moduli and units, and what `lab compare` shows"
-        ) from e
+        raise ConfigError(f"the fit has no unique solution ({str(e).lower()}): {FAR_OFF}") from e
 
 
 def _of_robot(case: Case) -> Case:
