@@ -69,7 +69,7 @@ class FileAxes:
                        orientation=turned.as_quat(canonical=True, scalar_first=True), **sd)  # fmt: skip
 
     def from_file(self, targets: Array, weights: Array) -> tuple[Array, Array]:
-        """Targets of a file and their weights, (m, 3), in the base frame; raises BadCondition for what oblique axes cannot state."""
+        """Targets and their weights, (m, 3), from a file to the base; raises BadCondition for what oblique axes cannot state."""
         shifted = self.signs * targets - (0.0 if self.base is None else self.base)
         if np.isin(self.turn, (-1.0, 0.0, 1.0)).all():
             axis = np.abs(self.turn).argmax(axis=1)
