@@ -29,7 +29,7 @@ FAR_AWAY = 1e4
 class RodColumns:
     """Rods of n states, one array (v or 1, n or 1) for each column of a row that is not 0, v variants.
 
-    A column that no variant changes is computed once for all of them; those that are tied come with the one that they follow.
+    A column that no variant changes is computed once; tied ones come with their leader. `rows` adds `col.ACTIVE` to rest strains.
     """
 
     def __init__(self, layout: at.Layout) -> None:
@@ -58,9 +58,9 @@ class RodColumns:
         """(variants * states, layout.width), one variant after the other."""
         out = np.zeros((variants, states, self.layout.width))
         for column, values in self._of.items():
-            out[:, :, column] = values
-            for other, factor in self.layout.tied.get(column, {}).items():
-                out[:, :, other] = factor * values
+            out[:, :, column] += values
+            for other, factor in self.layout.moved.get(column, {}).items():
+                out[:, :, other] += factor * values
         return out.reshape(-1, self.layout.width)
 
     def changes(self, base: RodColumns, by: Array) -> dict[int, tuple[Ints, Array]]:
@@ -89,7 +89,7 @@ def directions(layout: at.Layout, changed: Sequence[int]) -> Array:
     out = np.zeros((len(changed), layout.width))
     for row, column in zip(out, changed, strict=True):
         row[column] = 1.0
-        for other, factor in layout.tied.get(column, {}).items():
+        for other, factor in layout.moved.get(column, {}).items():
             row[other] = factor
     return out
 
@@ -195,12 +195,12 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     if uneven or q.thrust_on_walls.any():
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             stretching = (1 - q.thrust_on_walls * q.thrust_borne) * own[piece][0] - (1 - q.thrust_on_walls) * force
-            _add_active(out, element, 2, col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
+            out[element + col.ACTIVE + 2] = stretching / out[element + col.STRETCH + 2]
     _rest_of_moments(q, out, [m for _, m in own], at_tip)
 
 
 def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex], at_tip: Complex) -> None:
-    """Add (m(s) - `at_tip`) / EI as rest curvature, m the actuators' moment (x + i y, N m) at s.
+    """Make (m(s) - `at_tip`) / EI the actuators' rest curvature, m the actuators' moment (x + i y, N m) at s.
 
     With azimuth az + c s (1 + g s / L), m(s) is the moment of the piece (`moments`, as if aligned like at the tip) turned back by
     what the chambers wind from s to L, times 1 + w h (3 (s / L)^2 - 1), h = `thrust_growth`; to third order in s over an element.
@@ -226,16 +226,8 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
             curvature * (b0 * c3 + b1 * c2 + b2 * c1),
         )
         for power, rise in enumerate(powers):
-            column = col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1)
-            _add_active(out, element, 3 * power, column, rise.real)
-            _add_active(out, element, 3 * power + 1, column + 1, rise.imag)
+            out[element + col.ACTIVE + 3 * power], out[element + col.ACTIVE + 3 * power + 1] = rise.real, rise.imag
         bottom = bottom + length
-
-
-def _add_active(out: RodColumns, element: int, k: int, column: int, rest: Array) -> None:
-    """Add to a rest strain in `column` of an element what actuators make, number k of `col.ACTIVE`."""
-    out.add(element + column, rest)
-    out.add(element + col.ACTIVE + k, rest)
 
 
 def _wrench(push: Array, unit_moments: Complex, area: Array, path_radius: float) -> tuple[Array, Complex]:
@@ -281,12 +273,12 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
         return
     thrust, left, axis, turn, aside = out[col.TIP_FORCE + 2], q.plane_lever, ZERO, ZERO * 1j, ZERO * 1j
     for element in reversed(q.layout.elements):
-        rest = [sum(out[element + c + k] for c in (col.REST_CURVATURE, *range(col.RISE, col.ACTIVE, 3))) for k in range(2)]
+        rest = [sum(out[element + c + k] for c in range(col.ACTIVE, col.BLOCK, 3)) for k in range(2)]
         bend = out[element + col.BEND]
         curvature = 1j * (out[col.TIP_MOMENT] / bend + rest[0]) - (out[col.TIP_MOMENT + 1] / bend + rest[1])
         curvature = curvature + thrust / bend * aside
         here = np.clip(left, 0.0, out[element + col.LENGTH] if element != q.layout.elements[0] else np.inf)
-        step = here * (1 + thrust / out[element + col.STRETCH + 2] + out[element + col.REST_STRAIN + 2])
+        step = here * (1 + thrust / out[element + col.STRETCH + 2] + out[element + col.ACTIVE + 2])
         x = thrust / bend * step**2
         odd = step * (1 + x / 6 + x**2 / 120)
         end = turn * (1 + x / 2 + x**2 / 24) + curvature * odd

@@ -110,8 +110,9 @@ class _Varied:
         """(v, full, c) derivatives by parameters of what has derivatives `by_column` (a, c, full) by a columns of the rods."""
         out = np.zeros((len(self.by_row), *by_column.shape[1:]))
         for column, (variants, change) in self.change.items():
+            slope = by_column[columns.index(column)]
             for variant, of_states in zip(variants, change, strict=True):
-                out[variant] += of_states * by_column[columns.index(column)]
+                out[variant] += of_states * slope
         return out.swapaxes(1, 2)
 
 

@@ -55,6 +55,13 @@ class Layout:
         return {other: (column, factor) for column, others in self.tied.items() for other, factor in others.items()}
 
     @cached_property
+    def moved(self) -> Mapping[int, Mapping[int, float]]:
+        """`tied`, and column of what actuators make of a rest strain -> column of that rest strain."""
+        rises = ((col.ACTIVE + 3 * power + k, col.RISE + 3 * (power - 1) + k) for power in (1, 2, 3) for k in (0, 1))
+        rests = (*((col.ACTIVE + k, col.REST_CURVATURE + k) for k in (0, 1)), (col.ACTIVE + 2, col.REST_STRAIN + 2), *rises)
+        return {**self.tied, **{e + made: {e + rest: 1.0} for e in self.elements for made, rest in rests}}
+
+    @cached_property
     def elements(self) -> tuple[int, ...]:
         """First column of each element."""
         return tuple(ELEMENTS + ELEMENT_WIDTH * e for e in range(len(self.pieces)))
