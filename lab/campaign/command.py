@@ -267,9 +267,6 @@ class Session:
         return own if run is None or not run.condition else own | {"condition": run.condition[:SHOWN]}
 
 
-MOST_SEED = 2**31
-
-
 def plan(path: Path, rig_path: Path) -> Result:
     """What a campaign will do; connects to nothing. Raises ConfigError."""
     c = _checked(path, rig_path)
@@ -318,7 +315,7 @@ def _checked(path: Path, rig_path: Path, prepared: bool = False) -> CampaignDesi
     """The campaign of a file; where that gives no seed, one is drawn. Raises ConfigError also where all is said to be `prepared`
     although a person has to change the set-up in between."""
     with Screen("checking all runs") as screen:
-        c = campaign_of(path, rig_path, secrets.randbelow(MOST_SEED), screen.progress)
+        c = campaign_of(path, rig_path, secrets.randbelow(2**31), screen.progress)
     if prepared and c.hands > 1 and c.runs[0].job.rig.operator == "console":
         raise ConfigError(
             f"--yes: {path} needs hands {c.hands} times (--plan lists them), but only its first set-up can be prepared now; "

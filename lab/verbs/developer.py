@@ -22,8 +22,6 @@ from ..files.rig_file import RigFile
 from ..options import Result, Verb, option
 from .fakes import list_effects
 
-DRAFT = "https://json-schema.org/draft/2020-12/schema"
-
 
 def schema(name: str) -> Result:
     """The JSON schema of rig.yaml, robot.yaml, arm.yaml, map.yaml, a campaign, or the file of a protocol; raises ConfigError."""
@@ -43,7 +41,7 @@ def schema(name: str) -> Result:
     document = _with_units(models[name].model_json_schema())
     if name in protocols.usable:
         document["properties"] = {"protocol": {"const": name}, **document.get("properties", {})}
-    return Result({"$schema": DRAFT, **document})
+    return Result({"$schema": "https://json-schema.org/draft/2020-12/schema", **document})
 
 
 def _with_units(node: Any) -> Any:
@@ -73,9 +71,6 @@ def _or_text(field: dict[str, Any]) -> dict[str, Any]:
     return field
 
 
-FOLDERS = ("folder",)
-"""Arguments, by their name, that are folders."""
-
 FUNCTIONS = {
     "bash": """
 _lab_protocol() { compgen -W "%s" -- "$1"; compgen -f -X '!*.py' -- "$1"; compgen -f -X '!*.yaml' -- "$1"; compgen -d -- "$1"; }
@@ -100,7 +95,7 @@ def completion(shell: str, top: argparse.ArgumentParser) -> Result:
         elif action.dest in ("protocol", "set"):
             action.complete = {shell: f"_lab_{action.dest}"}  # type: ignore[attr-defined]
         elif action.type is not None and getattr(action.type, "__name__", "") == "Path":
-            action.complete = shtab.DIRECTORY if action.dest in FOLDERS else shtab.FILE  # type: ignore[attr-defined]
+            action.complete = shtab.DIRECTORY if action.dest == "folder" else shtab.FILE  # type: ignore[attr-defined]
     functions = FUNCTIONS[shell] % (" ".join(protocols), " ".join(sorted(keys)))
     sys.stdout.write(shtab.complete(top, shell, preamble=functions) + "\n")
     return Result()

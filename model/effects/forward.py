@@ -19,7 +19,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.compose import RodColumns, directions, rod_columns
 from model.effects.design import Columns, with_rest, with_rest_of
 from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
-from model.effects.nominal import ROUNDING, beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
+from model.effects.nominal import ROUNDING, beyond, fixed_laws, obstacle_direction, stated_effects
 from model.effects.observation import channels, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
@@ -223,7 +223,8 @@ class ForwardModel:
         self._laws_of = {
             part: [(k, do) for k, law in laws if (do := getattr(law, part)) is not None] for part in ("before", "path", "after")
         }
-        self._nominal = nominal_values(robot, self._table.infos)
+        stated = robot.stated
+        self._nominal = np.array([stated[i.name].value if i.name in stated else 0.0 for i in self._table.infos])
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
         self._body = body_of(robot)
         self._layout = at.layout_of(self._body, robot.spine is not None)

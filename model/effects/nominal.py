@@ -75,12 +75,6 @@ def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec]) -> dict[str, t
     return {id: (spec.law, {p.name: values.get(f"{id}.{p.name}", zero) for p in spec.parameters}) for id, spec in fixed.items()}
 
 
-def nominal_values(robot: Robot, infos: Iterable[ParameterInfo]) -> Array:
-    """(p,) what robot.yaml states of each parameter; 0 where it states nothing."""
-    stated = robot.stated
-    return np.array([stated[i.name].value if i.name in stated else 0.0 for i in infos])
-
-
 def beyond(robot: Robot, infos: tuple[ParameterInfo, ...], nominal: Array) -> tuple[ParameterInfo, ...]:
     """Parameters that count from `nominal` (p,), what robot.yaml states: bounds and starts less that.
 

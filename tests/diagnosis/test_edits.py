@@ -313,8 +313,7 @@ def longer(robot: Robot) -> Robot:
     return robot_from_dict({**robot.model_dump(), "length": 1.055 * robot.length})
 
 
-Mistake = Any
-MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
+MISTAKES: dict[str, tuple[Any, tuple[str, ...]]] = {
     "gravity reversed": (lambda r: (r.model_copy(update={"gravity": tuple(-g for g in r.gravity)}), read(r)), ("gravity [",)),
     "absolute pressures": (lambda r: (r, with_pressures(read(r), read(r).pressures + 101_325.0)), ("are absolute",)),
     "frame turned": (lambda r: (r, read(r, turn=Rotation.from_euler("x", 90, degrees=True))), ("turned by 90 deg about",)),

@@ -27,6 +27,7 @@ from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.diagnosis.test_edits import FINGER, read
 from tests.lab.diagnosed_case import campaign as bending
 from tests.lab.diagnosed_case import folder
+from tests.simulated.bench import raises
 
 ANGLE = np.radians(8)
 
@@ -156,10 +157,8 @@ def test_each_axis_has_the_noise_that_its_repeats_show(campaign: Measured) -> No
 
 
 def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:
-    with pytest.raises(BadEffect, match="did you mean chamber_azimuth"):
-        fit_effects(campaign, ["chamber_azimut"])
-    with pytest.raises(BadCase):
-        fit_effects(case([]), ["chamber_azimuth"])
+    raises(BadEffect, "did you mean chamber_azimuth", fit_effects, campaign, ["chamber_azimut"])
+    raises(BadCase, None, fit_effects, case([]), ["chamber_azimuth"])
 
 
 def test_a_fit_states_the_error_of_each_marker_that_it_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

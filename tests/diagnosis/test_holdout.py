@@ -24,6 +24,7 @@ from recordings.trials import TrialRow
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, few_and_all, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.diagnosis.test_findings import ANSWER
+from tests.simulated.bench import raises
 
 BEFORE = {"chamber_ballooning__growth": 0.2}
 AZIMUTH, NAMELESS = np.radians(8), replace(ANSWER, detail={"names": {}})
@@ -98,14 +99,12 @@ def push(r: TrialRow) -> TrialRow:
 )
 def test_what_cannot_be_held_out_is_refused(diagnosed: Measured, other: object, said: str) -> None:
     assert callable(other)
-    with pytest.raises(BadHoldout, match=said):
-        other_campaign(diagnosed, other(diagnosed))
+    raises(BadHoldout, said, other_campaign, diagnosed, other(diagnosed))
 
 
 def test_what_was_diagnosed_without_tips_cannot_be_tried_on_them() -> None:
     pushed = case([push(r) for r in sweep() if r.spine_length > 0.05])
-    with pytest.raises(BadHoldout, match="the diagnosed campaign has none"):
-        other_campaign(pushed, measured(2, 9))
+    raises(BadHoldout, "the diagnosed campaign has none", other_campaign, pushed, measured(2, 9))
 
 
 def test_pushes_beside_tips_are_not_tried(diagnosed: Measured) -> None:
@@ -156,5 +155,4 @@ def test_what_is_told_follows_from_the_probability_that_nothing_changed() -> Non
 def test_campaigns_of_different_robots_are_not_compared() -> None:
     reference = measured(3, 1, FEW)
     other = Measured(ROBOT.model_copy(update={"density": 1200.0}), reference.table)
-    with pytest.raises(BadCase, match="same robot.yaml"):
-        compare_campaigns(other, reference)
+    raises(BadCase, "same robot.yaml", compare_campaigns, other, reference)

@@ -3,7 +3,7 @@
 import os
 import pty
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -19,15 +19,6 @@ from lab.rig.real_time import at_real_speed, clock_of, demand_fakes
 Write = Callable[..., Path]
 REAL = "/dev/null"
 """A character device that is no pseudo-terminal, as a serial adapter is."""
-
-
-@pytest.fixture
-def terminal() -> Iterator[str]:
-    """The slave end of a pseudo-terminal."""
-    master, slave = pty.openpty()
-    yield os.ttyname(slave)
-    os.close(slave)
-    os.close(master)
 
 
 @pytest.fixture
@@ -54,11 +45,13 @@ def mocap(server: str, local: str = "") -> dict[str, Any]:
     return {"driver": "natnet", "server": server, "local": local, "body": "Tip", "mocap_to_base": still}
 
 
-def test_a_pseudo_terminal_under_any_name_and_loopback_hosts_may_run_fast(write: Write, terminal: str, tmp_path: Path) -> None:
-    link = tmp_path / "ttyUSB0"
-    link.symlink_to(terminal)
+def test_a_pseudo_terminal_under_any_name_and_loopback_hosts_may_run_fast(write: Write, tmp_path: Path) -> None:
+    link, (master, slave) = tmp_path / "ttyUSB0", pty.openpty()
+    link.symlink_to(os.ttyname(slave))
     rig = write(valve=valve(str(link)), arm=arm("127.3.2.1"), mocap=mocap("localhost", "127.0.0.1"))
     assert clock_of(load_rig(rig)).speed == 20.0
+    os.close(slave)
+    os.close(master)
 
 
 def test_a_name_that_leads_elsewhere_is_refused_though_it_sounds_local(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,12 +25,8 @@ RIG = b"poll: 20 Hz\nclock: {speed: 10}\ninstruments: {mocap: {rate: 60}}\n"
 
 
 # ------------------------------------------------------------------ several
-@pytest.fixture
-def two(tmp_path: Path) -> list[Path]:
-    return [Path(shutil.copy(OLD, tmp_path / name)) for name in ("first.mcap", "second.mcap")]
-
-
-def test_each_of_several_recordings_is_told_by_its_name(two: list[Path], cli: Cli) -> None:
+def test_each_of_several_recordings_is_told_by_its_name(tmp_path: Path, cli: Cli) -> None:
+    two = [Path(shutil.copy(OLD, tmp_path / name)) for name in ("first.mcap", "second.mcap")]
     whole = cli("replay", two[0], "--json", code=(0, 1, 3))
     assert cli("replay", *two, "--json", code=whole.returncode).json == [{"file": str(file), **whole.json} for file in two]
     said = cli("info", *two, code=cli("info", two[0], code=(0, 1, 3)).returncode).out

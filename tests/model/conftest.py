@@ -10,8 +10,6 @@ from model.condition import States, conditions
 from model.robot import Robot, load_robot, robot_from_dict
 
 ROOT = Path(__file__).parents[2]
-BENDING_GROUP = [8, 0, 1]
-"""Columns of the chambers at -40, 0 and 40 deg."""
 
 
 @pytest.fixture(scope="session")
@@ -41,7 +39,7 @@ def bending() -> Callable[..., States]:
     def make(robot: Robot, spine_lengths: list[float], pressures: list[float], **more: float) -> States:
         length, p = (a.ravel() for a in np.meshgrid(spine_lengths, pressures, indexing="ij"))
         nine = np.zeros((length.size, 9))
-        nine[:, BENDING_GROUP] = p[:, None]
+        nine[:, [8, 0, 1]] = p[:, None]  # the chambers at -40, 0 and 40 deg
         return conditions(robot, length, nine, **more)
 
     return make

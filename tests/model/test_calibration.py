@@ -16,6 +16,7 @@ from model.calibration import (
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
 from tests.model.rods.cases import Bending, solved
+from tests.simulated.bench import raises
 
 PRESSURES = [50e3, 150e3, 250e3]
 
@@ -66,8 +67,7 @@ def test_tips_that_do_not_tell_the_factor_are_refused(
     paper_robot: Robot, bending: Bending, pressures: list[float], measured: Any, kind: type[Exception], said: str
 ) -> None:
     states = bending(paper_robot, [0.0], pressures)
-    with pytest.raises(kind, match=said):
-        fit_area_factor(paper_robot, states, measured(solved(paper_robot, states).tip))
+    raises(kind, said, fit_area_factor, paper_robot, states, measured(solved(paper_robot, states).tip))
 
 
 def test_body_modulus_comes_back_from_its_stiffness_rows(paper_robot: Robot) -> None:
@@ -124,5 +124,4 @@ def test_errors_shared_within_a_trial_widen_the_standard_error() -> None:
 def test_readings_that_cannot_be_fitted_are_refused(
     deflection: list[float], force: list[float], kind: type[Exception], word: str
 ) -> None:
-    with pytest.raises(kind, match=word):
-        fit_stiffness(deflection, force)
+    raises(kind, word, fit_stiffness, deflection, force)

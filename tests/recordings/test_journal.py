@@ -16,6 +16,7 @@ from recordings.file.journal import Journal, read
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.trials import TrialRow
+from tests.simulated.bench import raises
 
 WALL = 1_700_000_000 * 10**9
 
@@ -65,10 +66,8 @@ def test_a_gap_in_the_finished_trials_ends_what_is_finished(tmp_path: Path) -> N
 @pytest.mark.parametrize("text", ["", "x\n", '{"trial": 1, "done": 3}\n', "[]\n", '{"journal": 9, "campaign": ""}\n'])
 def test_what_is_no_journal_is_told(tmp_path: Path, text: str) -> None:
     (tmp_path / "run.journal").write_text(text)
-    with pytest.raises(BadJournal, match=r"run\.journal"):
-        read(tmp_path / "run.journal")
-    with pytest.raises(WriteFailed, match="cannot be written"):
-        Journal.begin(tmp_path / "run.mcap", "bending")
+    raises(BadJournal, r"run\.journal", read, tmp_path / "run.journal")
+    raises(WriteFailed, "cannot be written", Journal.begin, tmp_path / "run.mcap", "bending")
 
 
 def record(path: Path, start: int, campaign: dict[str, dict[str, str]], rows: list[tuple[int, int]]) -> Recording:
@@ -172,12 +171,10 @@ def test_runs_are_picked_by_what_a_person_said_of_them(tmp_path: Path) -> None:
     "pairs", [[("a", "")], [("a", " ")], [("a", "x" * 201)], [("a", "1"), ("a", "2")], [("a", "M\udcfcller")]]
 )
 def test_labels_that_say_nothing_too_much_or_twice_are_refused(pairs: list[tuple[str, str]]) -> None:
-    with pytest.raises(BadMessage, match="a"):
-        labels(pairs)
+    raises(BadMessage, "a", labels, pairs)
 
 
 @pytest.mark.parametrize("text", ["a", "=b", "A=b", "a b=c", "1=2", "x" * 31 + "=y"])
 def test_a_label_is_a_key_and_a_value(text: str) -> None:
-    with pytest.raises(BadMessage, match="KEY=VALUE"):
-        split(text)
+    raises(BadMessage, "KEY=VALUE", split, text)
     assert split("a=b=c") == ("a", "b=c")

@@ -29,6 +29,7 @@ from recordings.messages import TIP, VACUUM, Field
 from recordings.states.concluding import conclude
 from recordings.states.rules import Settled, Window
 from recordings.trials import Table
+from tests.simulated.bench import raises
 
 
 @pytest.fixture(scope="module")
@@ -142,8 +143,7 @@ def test_a_field_that_came_later_is_nan_or_zero_and_the_rest_is_as_it_was() -> N
 def test_a_message_that_is_another_one_altogether_is_refused() -> None:
     recording = Recording.open(OLD)
     channel = next(c for c in recording.contents.channels.values() if c.topic == "/log")
-    with pytest.raises(OtherVersion, match="another message"):
-        samples.decode(VACUUM, recording.contents.schemas[channel.schema_id], [b""], 1)
+    raises(OtherVersion, "another message", samples.decode, VACUUM, recording.contents.schemas[channel.schema_id], [b""], 1)
 
 
 # ------------------------------------------------------------------ clocks
@@ -191,8 +191,7 @@ def test_the_model_is_stored_in_the_file_and_aligns_its_stream(tmp_path: Path) -
     assert json.loads(recording.metadata["clocks"]["/tip"]) == asdict(model)
     assert np.abs(recording.stream("/tip")["t"] - taken).max() > 5e-3
     assert np.abs(aligned(recording, "/tip") - taken).max() < 1e-5
-    with pytest.raises(MissingStream, match="/pressure"):
-        aligned(recording, "/pressure")
+    raises(MissingStream, "/pressure", aligned, recording, "/pressure")
 
 
 def test_a_step_of_wall_time_by_an_hour_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -179,8 +179,7 @@ def test_the_arm_does_not_move_after_the_pendant_was_changed(
     ur.backdoor("set", **change)
     ur.backdoor("forget")
     try:
-        with pytest.raises(error, match=message):
-            move_the_arm(with_arm)
+        raises(error, message, move_the_arm, with_arm)
         assert not any(command["name"] == "movel" for command in ur.backdoor()["commands"])
     finally:
         ur.backdoor("set", **back)
@@ -193,8 +192,7 @@ def test_the_spine_does_not_move_after_its_servo_was_changed(house: House, with_
     with_arm.actuators.pressure.vent()
     servo.motor.put(SHUTDOWN, 0)
     try:
-        with pytest.raises(WrongDevice, match=r"shutdown \(register 63\) is 0, needed 52"):
-            with_arm.actuators.spine.home()
+        raises(WrongDevice, r"shutdown \(register 63\) is 0, needed 52", with_arm.actuators.spine.home)
         assert until(lambda: with_arm.vital.landed is not None)
     finally:
         servo.motor.put(SHUTDOWN, SHUTDOWN_AS_DELIVERED)

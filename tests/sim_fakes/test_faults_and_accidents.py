@@ -7,6 +7,7 @@ import pytest
 from sim_fakes.faults import ACCIDENTS, FAULTS, INSTRUMENTS
 from sim_fakes.pty_fake import Faults
 from sim_fakes.rig import FakeRig
+from tests.simulated.bench import raises
 
 KINDS = (("alicat", "dynamixel"), ("smc_itv", "tmcl"))
 
@@ -33,10 +34,8 @@ def test_each_fault_can_be_switched_on_and_off_at_each_instrument(rig: FakeRig, 
 
 @pytest.mark.parametrize(("instrument", "fault"), [("arms", "silence"), ("spine", "melted")])
 def test_an_unknown_name_is_refused(rig: FakeRig, instrument: str, fault: str) -> None:
-    with pytest.raises(ValueError, match="one of"):
-        rig.switch.begin(instrument, fault)
-    with pytest.raises(ValueError, match=ACCIDENTS[0]):
-        rig.accidents.begin("meteorite")
+    raises(ValueError, "one of", rig.switch.begin, instrument, fault)
+    raises(ValueError, ACCIDENTS[0], rig.accidents.begin, "meteorite")
 
 
 @pytest.mark.parametrize(
