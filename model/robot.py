@@ -154,6 +154,8 @@ class Uncertainty(FileTable):
     """Of its origin along each axis; usual 0.4 % of the length."""
     tracked_turn: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
     """Of the tracked body, about each axis; usual 3 deg."""
+    tracked_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Of the tracked point, along each axis of the tip; usual 0."""
     marker_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of each marker, along each axis; usual 0."""
     push_place: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})

@@ -15,7 +15,7 @@ import numpy as np
 
 from model.condition import States
 from model.effects.design import TURN
-from model.effects.laws.measurement import force_bias, frame_misalignment
+from model.effects.laws.measurement import force_bias, frame_misalignment, marker_offset
 from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
@@ -137,6 +137,7 @@ def as_drawn(actuators: int, names: Container[str]) -> tuple[VariationSource, ..
         _tolerance("pressure_zero", "actuation", Law(before=_pressure_zero), *_each("Pa", 300.0, *each)),
         _tolerance("path_radius", "actuation", Law(before=_path_radius), *_each("m", 0.1e-3, "excess")),
         _tolerance("tip_mass", "load", Law(before=adding(payload="excess")), *_each("kg", 1e-3, "excess")),
+        _tolerance("tracked_shift", "measurement", Law(after=marker_offset), *_each("m", 0.5e-3)),
     )
     return tuple(source for source in found if source.spec.id in names)
 

@@ -18,7 +18,7 @@ def frame_misalignment(r: Readings, v: Values) -> None:
     r.turn(vector(v["x"], v["y"], v["z"]))
 
 
-def _marker_offset(r: Readings, v: Values) -> None:
+def marker_offset(r: Readings, v: Values) -> None:
     """The marker is rolled with the robot it sits on."""
     x, y = rolled(r.design.roll, v["x"], v["y"])
     r.tip = r.tip + to_base(r.orientation, vector(x, y, v["z"]))
@@ -37,7 +37,7 @@ SPECS = (
         stage="measurement",
         equation="p_read = p + R_tip d",
         parameters=tuple(Parameter(axis, "m", 6e-3 / math.sqrt(3), -0.2, 0.2) for axis in "xyz"),
-        law=Law(after=_marker_offset),
+        law=Law(after=marker_offset),
         citation="geometry",
         exact=True,
         seen_best_in="turns with the tip's orientation",
