@@ -141,14 +141,9 @@ def test_all_rigs_are_safe_when_the_only_one_left_was_of_fakes_that_have_ended(
     assert Latch(rig).read() is None
 
 
-def and_unplugged(rig: dict[str, Any]) -> None:
-    """A rig.yaml that began as that of fakes; its only instrument is hardware, whose cable is out."""
-    ended(rig)
-    rig["instruments"] = {"valve": {"driver": "numato", "port": "/dev/no-valve"}}
-
-
 def test_hardware_whose_cable_is_out_is_no_fake_that_has_ended(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
-    rig = changed(virtual_lab, tmp_path, and_unplugged)
+    hardware = {"valve": {"driver": "numato", "port": "/dev/no-valve"}}  # in a rig.yaml that began as that of fakes
+    rig = changed(virtual_lab, tmp_path, lambda rig: (ended(rig), rig.update(instruments=hardware)))
     text = cli("safe", "--rig", rig, code=1).err
     assert "have ended" not in text and Latch(rig).read() is not None
 
