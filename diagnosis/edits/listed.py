@@ -195,6 +195,10 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
             kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
             turned = partial(lambda q, s, v, own: v.framed(q[None]) if s[2] > 0 else v.turned(q[None], s), quaternion, sign)
             yield Edit(kind, prior, axes_say(axes, mapped), turned)
+    own_axes, oriented = (mapped or Mapped()).axes, mapped is not None and np.isfinite(sample.table.orientation).any()
+    for sign in np.ones((3, 3)) - 2 * np.eye(3) if oriented else ():  # of a column, which attitudes do not share
+        axes = own_axes @ np.diag(sign) @ np.linalg.inv(own_axes)
+        yield Edit(MIRROR[0], MIRROR[1] / 3, axes_say(axes, mapped), partial(_mirrored, axes))
     start = tuple(turn.inv().as_rotvec().tolist())
     bounds = ((-4.0, 4.0),) * 3  # rad
     yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.framed(from_vector(-own)), (start,), bounds)
@@ -210,6 +214,11 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
         moved = partial(lambda trial, v, own: v.moved(-own[:, None] * (v.table.trial >= trial)[:, None]), trial)
         bound = ((-0.3 * robot.length, 0.3 * robot.length),) * 3
         yield Edit("step", share, partial(_step_says, trial), moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
+
+
+def _mirrored(axes: Array, v: Variants, own: Array) -> Variants:
+    """Places mirrored by a matrix (3, 3)."""
+    return replace(v, tip=v.tip @ axes.T, markers=v.markers @ axes.T)
 
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
