@@ -386,7 +386,7 @@ def test_columns_that_share_numbers_keep_the_file_s_order_which_is_asked_about(t
      ("Rx [rad]", "Ry [rad]", "Rz [rad]")],
 )  # fmt: skip
 def test_three_angles_are_the_tip_s_orientation(names: tuple[str, ...], tmp_path: Path) -> None:
-    unit, order = ("rad", "rotation vector") if "rad" in names[0] else ("deg", "euler xyz")
+    unit, order = "rad" if "rad" in names[0] else "deg", "rotation vector"
 
     def change(k: int, cells: list[str]) -> list[str]:
         chamber, level = k // 5 % 3, FEW[k][1 + k // 5 % 3]
