@@ -77,7 +77,7 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> Stream:
         )
     if not np.isfinite(t).any():
         raise ConfigError(f"{label}: no row has a time; {JOIN}")
-    line = timeline(t, tick, series.place, several=False)
+    line = timeline(t, tick, series.place)
     true_times = np.full(len(t), np.nan)
     true_times[line.rows] = line.t + (source.offset if source else 0.0)
     questions = tuple(f"{label}, {text}" for text in line.questions)
