@@ -198,7 +198,8 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     own_axes, oriented = (mapped or Mapped()).axes, mapped is not None and np.isfinite(sample.table.orientation).any()
     for sign in np.ones((3, 3)) - 2 * np.eye(3) if oriented else ():  # of a column, which attitudes do not share
         axes = own_axes @ np.diag(sign) @ np.linalg.inv(own_axes)
-        yield Edit(MIRROR[0], MIRROR[1] / 3, axes_say(axes, mapped), partial(_mirrored, axes))
+        apply = partial(lambda axes, v, own: replace(v, tip=v.tip @ axes.T, markers=v.markers @ axes.T), axes)
+        yield Edit(MIRROR[0], MIRROR[1] / 3, axes_say(axes, mapped), apply)
     start = tuple(turn.inv().as_rotvec().tolist())
     bounds = ((-4.0, 4.0),) * 3  # rad
     yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.framed(from_vector(-own)), (start,), bounds)
@@ -214,11 +215,6 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
         moved = partial(lambda trial, v, own: v.moved(-own[:, None] * (v.table.trial >= trial)[:, None]), trial)
         bound = ((-0.3 * robot.length, 0.3 * robot.length),) * 3
         yield Edit("step", share, partial(_step_says, trial), moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
-
-
-def _mirrored(axes: Array, v: Variants, own: Array) -> Variants:
-    """Places mirrored by a matrix (3, 3)."""
-    return replace(v, tip=v.tip @ axes.T, markers=v.markers @ axes.T)
 
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
