@@ -276,8 +276,8 @@ class Map(FileTable):
     """Which axis of the file each axis of the robot's base is."""
     sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"})
     """Tracked point on the straight robot, from the end of the body; needs an orientation."""
-    forces: Literal["base", "tip"] = "base"
-    """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip."""
+    forces: Literal["base", "file", "tip"] = "base"
+    """Axes of force_x, force_y, force_z: of the base, of the file (turned by `frame`), or of a sensor that turns with the tip."""
     straight: Literal["as recorded", "at rest", "first state", "first row"] = "as recorded"
     """Readings from which all points, the tip and markers, are moved to the model: those at rest, else with the lowest pressures,
     under its weight; or the first state, or the first row of each file, of a straight robot."""
@@ -308,7 +308,7 @@ class Map(FileTable):
         headings = tuple((name, str(column.column)) for name, column in self.columns.items())
         stated = {f"columns.{name}": KINDS["m"].get(column.unit, np.nan) for name, column in self.columns.items()}
         known = None if self.files or np.isnan(base := self.base(stated)).any() else tuple(base.tolist())
-        return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount, known)
+        return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount, known, self.sensor)
 
     def base(self, units: Mapping[str, float]) -> Array:
         """(3,) m in the recorded axes: the place of the base that `columns`, in these units (m), subtract as a number."""

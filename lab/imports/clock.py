@@ -105,10 +105,10 @@ def gaps(t: Array) -> Mask:
     return np.asarray(np.diff(t, prepend=t[:1]) > max(FAR * period(t), LEAST_GAP))
 
 
-def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) -> Timeline:
+def timeline(t: Array, tick: float, place: Callable[[int], str], goes_on: Mask | None = None) -> Timeline:
     """Put the times (n,) s of a file in order, and note or ask about what is wrong with them: rows without a time, late rows,
-    clocks that were set or overflow, gaps. `tick` (s) is the unit of the column, `place` names a row (from 0); `several`: states
-    are means of several rows, so that gaps matter."""
+    clocks that were set or overflow, gaps. `tick` (s) is the unit of the column, `place` names a row (from 0); `goes_on`, where
+    states are means of several rows, so that gaps matter: (n,) rows in which no column begins another trial."""
     rows = np.flatnonzero(np.isfinite(t))
     line = Timeline(t[rows], rows, np.zeros(len(rows), np.int64))
     if absent := len(t) - len(rows):
@@ -124,8 +124,8 @@ def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) 
         line.notes.append(f"{int(late.sum())} rows are earlier than the row before (first: {first}); they were sorted by time")
         order = np.argsort(line.t, kind="stable")
         line.t, line.rows, line.run = line.t[order], line.rows[order], line.run[order]
-    if several:
-        line.questions += _far(line, place)
+    if goes_on is not None:
+        line.questions += _far(line, place, goes_on[line.rows])
     return line
 
 
@@ -186,10 +186,10 @@ def _set_back(t: Array, i: int, usual: float) -> bool:
     return end - i - 1 > BATCH and float(np.diff(t[i + 1 : end + 1]).max(initial=0.0)) <= 3 * usual
 
 
-def _far(line: Timeline, place: Callable[[int], str]) -> Iterator[str]:
-    """Ask about the first gap within a run, and about times that are too coarse to tell how long anything was held."""
+def _far(line: Timeline, place: Callable[[int], str], goes_on: Mask) -> Iterator[str]:
+    """Ask about the first gap within a trial, and about times that are too coarse to tell how long anything was held."""
     usual, steps = period(line.t), np.diff(line.t)
-    gap_rows = np.flatnonzero(gaps(line.t)[1:] & (np.diff(line.run) == 0)) + 1
+    gap_rows = np.flatnonzero((gaps(line.t) & goes_on)[1:] & (np.diff(line.run) == 0)) + 1
     if len(gap_rows):
         first, more = int(gap_rows[0]), f" ({len(gap_rows)} such steps)" if len(gap_rows) > 1 else ""
         half_hours = steps[first - 1] / HALF_HOUR

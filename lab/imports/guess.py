@@ -41,6 +41,7 @@ from .joining import JOIN
 from .proposal import Guess
 from .quantities import quantities_of
 from .series import Series, texts, unit_in
+from .table import MOST_LOADS
 from .trials import Change, Stages, changes
 
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
@@ -67,16 +68,14 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     tip = guess_tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
     guess_quaternion(g, series, turns, tip.columns)
     guess_angles(g, series, angles, tip)
-    used |= set(tip.mentioned)
+    used |= {*tip.mentioned, *_forces(g, series, [h for h in headings if h.name not in used])}
     _others(g, series, [h for h in headings if h.name not in used], robot)
     _states(g, series, pressures, robot)
     _trials(g, series, counting, pressures, robot)
     in_use = repr({k: v for k, v in g.values.items() if k != "trials"})
-    words = [w for name, strange in series.strange.items() if repr(name) in in_use for w in strange.words]
-    if words:
-        said = list(dict.fromkeys(words))
-        g.say("source.missing", said, "cells of these columns that are not numbers")
-        g.doubt("source.missing", f"{', '.join(map(repr, said))} are taken as missing values")
+    if words := list(dict.fromkeys(w for name, s in series.strange.items() if repr(name) in in_use for w in s.words)):
+        g.say("source.missing", words, "cells of these columns that are not numbers")
+        g.doubt("source.missing", f"{', '.join(map(repr, words))} are taken as missing values")
     if unseen and g.values["columns"].pop(unseen, None) and g.reasons.pop(f"columns.{unseen}"):
         g.say(f"constants.{unseen}", "0 mm", f"one camera: no column of {unseen}")
         g.doubt(f"constants.{unseen}", f"no column of {unseen}: does the robot move in a plane, and is that at 0 mm?")
@@ -125,12 +124,11 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     by_name = {h.name: h for h in headings}
     measured = {name: n for name, n in actuator_of.items() if not by_name[name].asked_for}
     chosen = measured or actuator_of
-    names = sorted(chosen, key=lambda name: chosen[name])
-    first_of = {chosen[name]: name for name in reversed(names)}
-    numbered = len(first_of) >= len(robot.actuators.azimuths_deg)
-    again = [name for name in names if numbered and first_of[chosen[name]] != name]
-    names = [name for name in names if name not in again]
     wanted, words = len(robot.actuators.azimuths_deg), robot.actuators.words
+    first_of = {number: name for name, number in reversed(chosen.items())}
+    again = [name for name, number in chosen.items() if len(first_of) >= wanted and first_of[number] != name]
+    shared = not again and len(first_of) < len(chosen)
+    names = [*chosen] if shared else sorted(first_of.values(), key=chosen.__getitem__)
     if not names:
         if wanted == 1:
             g.say("constants", {"p1": 0}, "no column of pressures")
@@ -151,6 +149,9 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         )
     if robot.tendons is not None and all(tendon(by_name[n]) is None and by_name[n].stated for n in names):
         g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, since they are in N; check the order")
+    if shared:
+        order = f"{', '.join(names)} share numbers: their order in the file is taken for that of robot.yaml's {words.actuators}"
+        g.doubt("columns.p1", f"{order}, which is a guess; check it against azimuths_deg")
     units = _units(series, names, robot)
     if guessed := [n for n in names if units[n].guessed]:
         g.doubt("columns.p1", f"the file states no unit for {', '.join(guessed)}: {units[guessed[0]].why}")
@@ -242,6 +243,20 @@ def _usual(pressures: Array) -> _Unit:
 
 
 # ------------------------------------------------------------------ the rest
+def _forces(g: Guess, series: Series, headings: Sequence[Heading]) -> Sequence[str]:
+    """Propose the force on the tip, three columns in N that were set, and its axes, with a doubt; return the columns used."""
+    of_force = triples([h for h in headings if h.kind == "N" and h.name in series.numbers])
+    three = next((t for t in of_force if all(len(np.unique(series.numbers[c])) <= MOST_LOADS for c in t.columns)), None)
+    if three is None:
+        return ()
+    for axis, column in zip("xyz", three.columns, strict=True):
+        g.say(f"columns.force_{axis}", {"column": column, "unit": three.unit}, "a force that was set")
+    if "frame" in g.reasons:
+        g.say("forces", "file", "along the file's axes, which `frame` turns")
+        g.doubt("forces", f"{' / '.join(three.columns)} are taken along the file's axes; if they are not, write `base`")
+    return three.columns
+
+
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
     """Propose the other columns (time, mass, spine, branch ..), with unit and doubts, and list unused ones."""
     ignored = []

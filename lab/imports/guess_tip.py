@@ -20,7 +20,7 @@ from recordings.trials import AXES
 
 from ..files.config import ConfigError
 from ..files.jumps import at_rest
-from ..files.map_file import Frame, Orientation, units_for
+from ..files.map_file import Frame, Order, Orientation, units_for
 from ..files.units import KINDS
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, own_column, quantity, triples
 from .joining import JOIN
@@ -407,8 +407,8 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
     orientation = Orientation.model_validate({"columns": three.columns, "order": "rotation vector", "unit": unit})
     frame = Frame(**g.values.get("frame", {})).matrix
     misfit_of = misfits(series, orientation, frame, tip.places @ frame.T, tip.resting)
-    order = "euler XYZ" if misfit_of and clearly_worse(misfit_of["euler xyz"], misfit_of["euler XYZ"]) else "euler xyz"
-    nearest = min(misfit_of, key=misfit_of.__getitem__, default="")
+    nearest: Order = min(misfit_of, key=misfit_of.__getitem__, default="euler xyz")
+    order = nearest if misfit_of and clearly_worse(misfit_of["euler xyz"], misfit_of[nearest]) else "euler xyz"
     if three.words & {"rotvec", "vector", "axis"} or (unit == "rad" and nearest == orientation.order):
         order = orientation.order
     entry = {"columns": list(three.columns), "order": order, "unit": unit}

@@ -82,7 +82,7 @@ load loads weights payloads last lasten anhängelast hängelast nutzlast zusatzl
 lest carga cargas peso pesos masa carico carichi massa
 """)
 """Words of a heading for the mass at the tip if its unit is one of a mass; else it may be a force, or a branch."""
-LETTERS = {"g": word_set(WORDS["tip_mass"]) | LOADS, "n": word_set(WORDS["force"]) | TENDON}
+LETTERS = {"g": word_set(WORDS["tip_mass"]) | LOADS, "n": word_set(WORDS["force"]) | TENDON | {"fx", "fy", "fz"}}
 """Units of one letter that end a heading with one of these words, such as "weight_g"."""
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
 """Units that may be all of a heading."""

@@ -77,7 +77,7 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> Stream:
         )
     if not np.isfinite(t).any():
         raise ConfigError(f"{label}: no row has a time; {JOIN}")
-    line = timeline(t, tick, series.place, several=False)
+    line = timeline(t, tick, series.place)
     true_times = np.full(len(t), np.nan)
     true_times[line.rows] = line.t + (source.offset if source else 0.0)
     questions = tuple(f"{label}, {text}" for text in line.questions)
@@ -227,15 +227,6 @@ def experiments(
     return runs, unused
 
 
-def asked(lead: Stream, others: Sequence[Stream]) -> str:
-    """Questions about joined tables."""
-    spans = ", ".join(f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
-    return (
-        f"joined by their clocks: do these agree? {spans}, from the start of {lead.label}. State it, 0 if they do: files: "
-        f"{{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
-    )
-
-
 def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     """Files with their maps; where each lacks columns that another one holds, joined in time. Raises ConfigError."""
     lacked_keys = list[frozenset[str]]()  # keys of the map whose column a file has not, but for its times
@@ -257,7 +248,11 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     made = []
     for lead, others in runs:
         columns = {n: c for other in others for n, c in maps[id(other)].columns.items() if n != "t"} | maps[id(lead)].columns
-        clocks = () if any(stream.aligned for stream in (lead, *others)) else (asked(lead, others),)
+        spans = (f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
+        clocks = () if any(stream.aligned for stream in (lead, *others)) else (
+            f"joined by their clocks: do these agree? {', '.join(spans)}, from the start of {lead.label}. State it, "
+            f"0 if they do: files: {{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}",
+        )  # fmt: skip
         doubts = (*clocks, *(q for stream in (lead, *others) for q in stream.questions))
         series = joined(lead, others)
         series = replace(series, questions=doubts, notes=(*notes, *series.notes))

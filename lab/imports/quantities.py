@@ -176,7 +176,8 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
             notes.append(f"{int(missing.sum())} of {n} rows have no {what} (first: {first}); they were skipped")
     averaged = wanted.states.plateaus is not None or bool(wanted.states.windows)
     tick = wanted.columns["t"].scale * file.factors["columns.t"] if "t" in wanted.columns else 1.0
-    line = timeline(t, tick, series.place, averaged)
+    begins = np.any([np.append(False, cells[1:] != cells[:-1]) for cells in counts.values()], axis=0) | np.zeros(n, bool)
+    line = timeline(t, tick, series.place, ~begins if averaged else None)
     made = replace(made.of(line.rows).with_columns({"t": line.t}), run=line.run)
     notes += line.notes
     if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):

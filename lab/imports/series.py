@@ -163,15 +163,13 @@ def demand_columns(path: Path, count: int) -> None:
 
 def unique(names: Sequence[str], width: int) -> list[str]:
     """Headings, or numbers from 1 where there is none; one that comes again gets the number of its column."""
-    out: list[str] = []
-    taken: set[str] = set()
+    out: dict[str, int] = {}
     for i in range(width):
         name = names[i] if i < len(names) and names[i] else str(i + 1)
-        while name in taken:
+        while name in out:
             name = f"{name} {i + 1}"
-        out.append(name)
-        taken.add(name)
-    return out
+        out[name] = i
+    return [*out]
 
 
 def listed(names: Iterable[str], most: int = 12) -> str:

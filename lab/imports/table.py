@@ -35,7 +35,7 @@ from recordings.trials import AXES, HEAD, TAIL, TEXTS, TIP, Table, marker_column
 
 from ..files.config import ConfigError
 from ..files.jumps import Jump, at_rest, jumps, loads, unusable, without
-from ..files.map_file import Map, Name, named, units_for
+from ..files.map_file import Frame, Map, Name, named, units_for
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
@@ -47,6 +47,10 @@ from .series import FRAME, Series
 from .trials import Cut, cuts, trials_of_rows
 
 FORCES = ("force_x", "force_y", "force_z")
+AXES_UNSTATED = (
+    "force_x, force_y, force_z are taken along the base's axes, and `frame` does not turn them: if they are along the file's "
+    "axes, write `forces: file`; else `forces: base`"
+)
 MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
@@ -255,12 +259,15 @@ def conclude(
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
         states = _levered(states, np.array(wanted.sensor))
-    if wanted.forces == "tip":
+    if wanted.forces != "base":
         turn, turned = _turns(states)
-        if not turned.all():
+        if wanted.forces == "tip" and not turned.all():
             t = float(states.get("t")[~turned][0])
             raise ConfigError(f"forces: the state at t = {t:.3f} s has no orientation, which its force needs")
+        turn = turn if wanted.forces == "tip" else turn.identity()
         states = _with(states, FORCES, turn.apply(states.tip_force @ wanted.frame.matrix.T))
+    elif "forces" not in wanted.model_fields_set and wanted.frame != Frame() and states.tip_force.any():
+        notes.append(AXES_UNSTATED)
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states, counted, notes, partial(_unmapped, rows, every))
     orders = [f"{series.path.name}: {q.order}" for series, q, _ in every if q.order]

@@ -23,7 +23,7 @@ from lab.rig.assembly import newly_lost
 from recordings.table_file import read_csv
 from tests.recordings.synthetic_run import OLD
 
-Change = Callable[[dict[str, Any]], None]
+Change = Callable[[dict[str, Any]], object]
 
 
 def changed(virtual_lab: VirtualLab, folder: Path, change: Change) -> Path:
@@ -141,14 +141,9 @@ def test_all_rigs_are_safe_when_the_only_one_left_was_of_fakes_that_have_ended(
     assert Latch(rig).read() is None
 
 
-def and_unplugged(rig: dict[str, Any]) -> None:
-    """A rig.yaml that began as that of fakes; its only instrument is hardware, whose cable is out."""
-    ended(rig)
-    rig["instruments"] = {"valve": {"driver": "numato", "port": "/dev/no-valve"}}
-
-
 def test_hardware_whose_cable_is_out_is_no_fake_that_has_ended(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
-    rig = changed(virtual_lab, tmp_path, and_unplugged)
+    hardware = {"valve": {"driver": "numato", "port": "/dev/no-valve"}}  # in a rig.yaml that began as that of fakes
+    rig = changed(virtual_lab, tmp_path, lambda rig: (ended(rig), rig.update(instruments=hardware)))
     text = cli("safe", "--rig", rig, code=1).err
     assert "have ended" not in text and Latch(rig).read() is not None
 
@@ -164,20 +159,15 @@ def test_fakes_whose_back_door_is_closed_to_this_user_have_not_ended(tmp_path: P
     assert real_time.process_of(spec) == 0
 
 
-def unplugged(rig: dict[str, Any]) -> None:
-    """Two instruments are out."""
-    rig["instruments"]["gauge"]["port"] = "/dev/no-gauge"
-    rig["instruments"]["valve"]["port"] = "/dev/no-valve"
-
-
 @pytest.mark.parametrize("verb", [("check",), ("run", "bending")])
 def test_each_instrument_that_is_missing_is_explained_once(
     virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, verb: tuple[str, ...]
 ) -> None:
-    rig = changed(virtual_lab, tmp_path, unplugged)
+    names = "gauge", "valve"
+    rig = changed(virtual_lab, tmp_path, lambda rig: [rig["instruments"][k].update(port=f"/dev/no-{k}") for k in names])
     told = cli(*verb, "--rig", rig, *(["--out", str(tmp_path)] if verb[0] == "run" else []), code=1)
     text = "".join((told.out + told.err).split())
-    for name in ("gauge", "valve"):
+    for name in names:
         assert text.count(f"{name}:cannotopen/dev/no-{name}") == 1 and text.count("groupdialout") == 2
     assert not list(tmp_path.glob("*.mcap"))
 

@@ -16,7 +16,7 @@ import pyarrow.parquet
 import pytest
 import yaml
 from commands import Cli, refused
-from foreign import AZIMUTHS, OWN_TABLE, ROBOT, by_map, plain, tips
+from foreign import AZIMUTHS, OWN_TABLE, ROBOT, by_map, plain, through, tips
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 from test_import_matlab import matlab_hdf5
@@ -479,6 +479,16 @@ def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -
         proposed = yaml.safe_load(guessed(cli, file).read_text())
         assert proposed["frame"]["z"] == "y" and "Two columns of the tip or of the actuators" in str(proposed["unconfirmed"])
         assert ("whether chambers are exchanged" in str(proposed["unconfirmed"])) == bool(markers)
+
+
+def test_forces_along_the_file_s_axes_are_turned_as_places_are_and_those_along_unstated_axes_noted(tmp_path: Path) -> None:
+    file = seen(tmp_path / "table.csv")
+    pandas.read_csv(file).assign(Fx_N=0.0, Fy_N=0.0, Fz_N=0.5).to_csv(file, index=False)
+    proposed, turned = through(file)
+    assert turned.table.tip_force[0] == pytest.approx([0.0, -0.5, 0.0]) and "forces" in proposed.doubtful
+    assert proposed.values.pop("forces") == "file"
+    kept = by_map(file, **proposed.values)
+    assert kept.table.tip_force[0] == pytest.approx([0.0, 0.0, 0.5]) and any("write `forces: file`" in n for n in kept.notes)
 
 
 ASKEW: dict[str, Any] = {"x": [0.8, 0.6, 0], "y": "z", "z": [0.6, -0.8, 0]}

@@ -453,6 +453,10 @@ def test_a_gap_ends_a_state_and_is_asked_about(step: float, tmp_path: Path) -> N
     assert made.table["hold"].max() < 5 and len(made.table) == PLATEAUS + 1
     (question,) = made.questions
     assert f"a.csv, line 622: a gap of {step + 0.1:.5g} s" in question and "Was the logger stopped" in question
+    head, *rows = (tmp_path / "a.csv").read_text().splitlines()
+    counted = "\n".join([f"{head},run", *(f"{row},{1 + (k >= 620)}" for k, row in enumerate(rows))])
+    stated = yaml.safe_load((tmp_path / "map.yaml").read_text()) | {"trials": {"change": ["run"]}}
+    assert not read_all(tmp_path, {"a.csv": counted}, **stated).questions  # where a trial begins anyway
 
 
 def test_times_that_fall_to_somewhere_else_than_where_they_began_are_asked_about(tmp_path: Path) -> None:

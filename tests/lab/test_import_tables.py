@@ -372,6 +372,13 @@ def test_headings_of_chambers(name: str, number_of: int | None) -> None:
     assert chamber(heading(name)) == number_of
 
 
+def test_columns_that_share_numbers_keep_the_file_s_order_which_is_asked_about(tmp_path: Path) -> None:
+    names = ["L1 [kPa]", "L2 [kPa]", "S1 [kPa]"]
+    made, _ = through(tmp_path / "table.csv", text(FEW, headings=[HEADINGS[0], *names, *HEADINGS[4:]]))
+    assert [made.values["columns"][f"p{k}"]["column"] for k in (1, 2, 3)] == names
+    assert any(d.startswith("columns.p1: L1 [kPa], L2 [kPa], S1 [kPa] share numbers") for d in made.doubts)
+
+
 # ------------------------------------------------------------------ angles
 @pytest.mark.parametrize(
     "names",
@@ -379,7 +386,7 @@ def test_headings_of_chambers(name: str, number_of: int | None) -> None:
      ("Rx [rad]", "Ry [rad]", "Rz [rad]")],
 )  # fmt: skip
 def test_three_angles_are_the_tip_s_orientation(names: tuple[str, ...], tmp_path: Path) -> None:
-    unit, order = ("rad", "rotation vector") if "rad" in names[0] else ("deg", "euler xyz")
+    unit, order = "rad" if "rad" in names[0] else "deg", "rotation vector"
 
     def change(k: int, cells: list[str]) -> list[str]:
         chamber, level = k // 5 % 3, FEW[k][1 + k // 5 % 3]

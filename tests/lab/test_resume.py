@@ -104,21 +104,15 @@ READ = '{"trial": 1, "step": 1}'
 BENDING = "PARAMETERS, NEEDS, plan, run = bending.PARAMETERS, bending.NEEDS, bending.plan, bending.run\n"
 
 
-def delete_file(folder: Path) -> None:
-    next(folder.glob("*.mcap")).unlink()
-
-
-def rename_folder(folder: Path) -> None:
-    folder.rename(folder.with_name("moved"))
-
-
 def truncate(folder: Path) -> None:
     os.truncate(next(folder.glob("*.mcap")), 30_000)
 
 
-@pytest.mark.parametrize(
-    "harm", [delete_file, pytest.param(truncate, marks=pytest.mark.long), pytest.param(rename_folder, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("harm", [
+    pytest.param(lambda folder: next(folder.glob("*.mcap")).unlink(), id="file deleted"),
+    pytest.param(truncate, marks=pytest.mark.long),
+    pytest.param(lambda folder: folder.rename(folder.with_name("moved")), marks=pytest.mark.long, id="folder renamed"),
+])  # fmt: skip
 def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
     harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
 ) -> None:

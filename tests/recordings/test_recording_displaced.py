@@ -50,18 +50,13 @@ def replace(file: Path) -> None:
     os.replace(other, file)
 
 
-def into_folder(file: Path) -> None:
-    file.unlink()
-    file.mkdir()
-
-
 LOSSLESS: dict[str, Callable[[Path], object]] = {
     "deleted": Path.unlink,
     "renamed": lambda file: file.rename(file.with_name("other.mcap")),
     "folder deleted": lambda file: shutil.rmtree(file.parent),
     "folder renamed": lambda file: file.parent.rename(file.parent.with_name("moved")),
     "replaced": replace,
-    "now a folder": into_folder,
+    "now a folder": lambda file: (file.unlink(), file.mkdir()),
 }
 
 
