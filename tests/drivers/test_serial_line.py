@@ -113,6 +113,15 @@ def test_a_board_that_resets_when_its_port_opens_is_given_time_and_what_it_says_
     line.close()
 
 
+def test_a_port_is_set_to_the_boards_parity_and_stop_bits(end: OtherEnd, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(termios, "tcsetattr", lambda fd, when, to: asked.append(to[2]))  # a pty has neither and drops them
+    with contextlib.closing(SerialLine("board", os.ttyname(end.slave), 19200, 0.1, framing="8E2")) as line:
+        line.open()
+    assert asked[0] & (termios.PARENB | termios.PARODD | termios.CSTOPB) == termios.PARENB | termios.CSTOPB
+    raises(Unreachable, "parity: 'X'", SerialLine("board", os.ttyname(end.slave), 19200, 0.1, framing="8X1").open)
+
+
 def test_a_port_that_is_not_there_is_unreachable_and_says_what_to_check() -> None:
     raises(Unreachable, "cannot open /dev/nothing.*rig.yaml", SerialLine("gauge", "/dev/nothing", 9600, 0.1).open)
 
