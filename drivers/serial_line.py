@@ -167,11 +167,13 @@ class SerialLine(SerialPort):
         skip_echo: bool = False,
         settle: float = 0.0,
         framing: str = "8N1",
+        padding: bytes = PADDING,
     ) -> None:
         """See `SerialPort`. `skip_echo`: a line that repeats the request is the echo of an adapter. `settle`: host s for which a
-        board is deaf that resets when its port opens; what it says meanwhile is discarded."""
+        board is deaf that resets when its port opens; what it says meanwhile is discarded. `padding`: what `read_until` drops
+        before an answer; b"" where an answer may begin with any byte."""
         super().__init__(name, port, baud, timeout, lock, framing)
-        self._skip_echo, self._settle = skip_echo, settle
+        self._skip_echo, self._settle, self._padding = skip_echo, settle, padding
         self._buffer = bytearray()
         self._sent = b""
         """The request whose echo may come before the answer that is awaited."""
@@ -230,9 +232,8 @@ class SerialLine(SerialPort):
         return heard
 
     def read_until(self, until: bytes, timeout: float | None = None) -> bytes:
-        """The next answer without its terminator `until`, leading white space, blank lines and echo. Raises `NoReply` on
-        silence, `BadReply` on an unfinished answer.
-        """
+        """The next answer without its terminator `until`, leading padding (blank lines too) and echo. Raises `NoReply` on
+        silence, `BadReply` on an unfinished answer."""
         with self._guarded() as port:
             began, count = timing.now(), 0
             deadline = began + (self.timeout if timeout is None else timeout)
@@ -241,7 +242,7 @@ class SerialLine(SerialPort):
                     self._wait_for_more(port, deadline, f"up to {until!r}")
                 whole = self._take(end + len(until))
                 count += len(whole)
-                whole = whole.lstrip(PADDING)
+                whole = whole.lstrip(self._padding)
                 if self._skip_echo and whole and whole == self._sent:
                     self.quality.echoes, self._sent = True, b""
                 elif whole:
