@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -16,6 +16,9 @@ which shows whether the instrument is on this computer alone."""
 
 SERVED = re.compile(r"(?:socket|rfc2217)://(?:[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
 """Ports of terminal servers, without the options of a URL: some of them write files."""
+
+Framing = Annotated[str, Field(pattern="^[5-8][NEO][12]$")]
+"""Data bits, parity (none, even, odd) and stop bits of a serial line, such as 8N1."""
 
 
 def known_port(port: str) -> str:

@@ -55,7 +55,7 @@ def meeting(name: str, close: Callable[[], None], stranger: str) -> Iterator[Non
 
 
 class SerialPort:
-    """A serial port, 8 data bits and no parity, of this process alone, and at low latency where its driver allows that.
+    """A serial port of this process alone, and at low latency where its driver allows that.
 
     A port that fails is closed at once, since its handle stays dead even if the device returns under the same path; every use
     raises that failure again until it is opened anew.
@@ -64,14 +64,18 @@ class SerialPort:
     longest_read = SLICE
     """s of one read of the port, host time."""
 
-    def __init__(self, name: str, port: str, baud: int, timeout: float, lock: StopFirst | None = None) -> None:
-        """`timeout` (s, host time) bounds each answer and each write; `lock`: one that several lines of an instrument share."""
+    def __init__(
+        self, name: str, port: str, baud: int, timeout: float, lock: StopFirst | None = None, framing: str = "8N1"
+    ) -> None:
+        """`timeout` (s, host time) bounds each answer and each write; `lock`: one that several lines of an instrument share;
+        `framing`: data bits, parity (N, E, O) and stop bits of a character."""
         self.name = name
         self.port = port
         self.baud = baud
         self.timeout = timeout
+        self._framing = data_bits, parity, stop_bits = int(framing[0]), framing[1], int(framing[2])
         self.lock = lock or StopFirst(name)
-        self.quality = LineQuality(port, 10 / baud)
+        self.quality = LineQuality(port, (1 + data_bits + (parity != "N") + stop_bits) / baud)
         self.lost = ""
         """Why the port was lost; empty while it is open and after it was closed on purpose."""
         self._serial: serial.Serial | None = None
@@ -90,6 +94,7 @@ class SerialPort:
                 port = serial.serial_for_url(
                     known_port(self.port),
                     self.baud,
+                    *self._framing,
                     timeout=min(self.longest_read, self.timeout),
                     write_timeout=max(WRITE_WITHIN, self.timeout),
                     exclusive=True,
@@ -118,11 +123,12 @@ class SerialPort:
                 with contextlib.suppress(OSError, termios.error):
                     port.close()
 
-    def not_open(self) -> InstrumentError:
-        """The error of a call to a port that is not open: `Unreachable` when it was lost, `NotReady` otherwise."""
+    def demand_open(self) -> None:
+        """Raise `Unreachable` for a port that was lost, `NotReady` for one that is not open."""
         if self.lost:
-            return Unreachable(self.name, self.lost)
-        return NotReady(self.name, f"{self.port} is not open; call open() first")
+            raise Unreachable(self.name, self.lost)
+        if self._serial is None:
+            raise NotReady(self.name, f"{self.port} is not open; call open() first")
 
     def take_notices(self) -> list[str]:
         """See the module `interfaces`."""
@@ -132,8 +138,8 @@ class SerialPort:
     def _guarded(self) -> Iterator[serial.Serial]:
         """The open port under the lock, with pyserial's failures turned into the drivers' errors."""
         with self.lock:
-            if self._serial is None:
-                raise self.not_open()
+            self.demand_open()
+            assert self._serial is not None
             self.lock.give_way()
             try:
                 yield self._serial
@@ -160,11 +166,14 @@ class SerialLine(SerialPort):
         lock: StopFirst | None = None,
         skip_echo: bool = False,
         settle: float = 0.0,
+        framing: str = "8N1",
+        padding: bytes = PADDING,
     ) -> None:
         """See `SerialPort`. `skip_echo`: a line that repeats the request is the echo of an adapter. `settle`: host s for which a
-        board is deaf that resets when its port opens; what it says meanwhile is discarded."""
-        super().__init__(name, port, baud, timeout, lock)
-        self._skip_echo, self._settle = skip_echo, settle
+        board is deaf that resets when its port opens; what it says meanwhile is discarded. `padding`: what `read_until` drops
+        before an answer; b"" where an answer may begin with any byte."""
+        super().__init__(name, port, baud, timeout, lock, framing)
+        self._skip_echo, self._settle, self._padding = skip_echo, settle, padding
         self._buffer = bytearray()
         self._sent = b""
         """The request whose echo may come before the answer that is awaited."""
@@ -223,9 +232,8 @@ class SerialLine(SerialPort):
         return heard
 
     def read_until(self, until: bytes, timeout: float | None = None) -> bytes:
-        """The next answer without its terminator `until`, leading white space, blank lines and echo. Raises `NoReply` on
-        silence, `BadReply` on an unfinished answer.
-        """
+        """The next answer without its terminator `until`, leading padding (blank lines too) and echo. Raises `NoReply` on
+        silence, `BadReply` on an unfinished answer."""
         with self._guarded() as port:
             began, count = timing.now(), 0
             deadline = began + (self.timeout if timeout is None else timeout)
@@ -234,7 +242,7 @@ class SerialLine(SerialPort):
                     self._wait_for_more(port, deadline, f"up to {until!r}")
                 whole = self._take(end + len(until))
                 count += len(whole)
-                whole = whole.lstrip(PADDING)
+                whole = whole.lstrip(self._padding)
                 if self._skip_echo and whole and whole == self._sent:
                     self.quality.echoes, self._sent = True, b""
                 elif whole:
@@ -294,5 +302,5 @@ class SerialLine(SerialPort):
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}; check the cable")
             self._silent = True
-            remedy = timing.busy_or("check its power, cable, address and baud rate")
+            remedy = timing.busy_or("check its power, cable, address, baud rate and parity")
             raise NoReply(self.name, f"no answer on {self.port} in time; {remedy}")

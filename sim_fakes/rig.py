@@ -190,10 +190,8 @@ class FakeRig:
         def table() -> dict[str, Any]:
             table: dict[str, Any] = {"driver": driver}
             if role == "pressure":
-                table |= {"chambers": [list(group) for group in self.wiring], "full_scale": site.full_scale}
-                # Pa that rig.yaml allows its regulators unless it says otherwise
-                if site.full_scale < 300e3:
-                    table["max_pressure"] = site.full_scale
+                most = min(self.truth.max_pressure or 300e3, site.full_scale, 1e6)  # 300 kPa: rig.yaml's default
+                table |= {"chambers": [[*group] for group in self.wiring], "full_scale": site.full_scale, "max_pressure": most}
             return {**table, **fake.table(site, parts)}
 
         self.tables[instrument] = table

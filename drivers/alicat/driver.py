@@ -181,7 +181,7 @@ class Alicat:
         Raises `BadReply` or `DeviceFault` at the first unit that does not take its set-point; later units keep theirs.
         """
         with self._line.lock:
-            self._need_open()
+            self._line.demand_open()
             allowed = self._limits.allow(pressures)
             if max(allowed) > 0:
                 self._refuse_wrong()
@@ -198,7 +198,7 @@ class Alicat:
         read back.
         """
         with self._line.lock:
-            self._need_open()
+            self._line.demand_open()
             wrong_before = self._wrong()
             frames, arrived = [], []
             for channel in range(self.channels):
@@ -223,7 +223,7 @@ class Alicat:
         Needs no more than `connect`. Raises `InstrumentError` naming the units that did not confirm zero.
         """
         with self._line.lock.stopping():
-            self._need_open()
+            self._line.demand_open()
             failed = dict.fromkeys(range(self.channels), "")
             self._doubtful |= set(range(self.channels)) if self._versions else set()
             for patience in (min(BRISK, self.config.timeout), self.config.timeout, self.config.timeout):
@@ -256,7 +256,7 @@ class Alicat:
     def confirm_settings(self) -> None:
         """Read again what a panel can change, and lock the panels again. See the module `interfaces`."""
         with self._line.lock:
-            self._need_open()
+            self._line.demand_open()
             for channel in range(self.channels):
                 self._check_settings(channel)
             self._lock_panels()
@@ -398,10 +398,6 @@ class Alicat:
                 raise DeviceFault(
                     self.name, f"unit {unit.letter} reports {code} at {frame.measured / 1e3:.2f} kPa: {FAULT_CODES[code]}"
                 )
-
-    def _need_open(self) -> None:
-        if not self._line.is_open:
-            raise self._line.not_open()
 
 
 DRIVER = Driver("pressure", Config, Alicat)

@@ -138,12 +138,10 @@ class SmcItv:
                 for line in self._lines:
                     line.open()
                 self._recognise()
-                counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"REQ"))
-                self._raise_first(errors)
+                counts = self._polled(b"REQ")
             except InstrumentError:
                 self._disconnect()
                 raise
-            self._polled_at = timing.now()
             self._counts = [counts[channel] for channel in range(self.channels)]
             self._limits.start_from(self._confirmed())
         return Identity("SMC", f"ITV, {self.channels} units")
@@ -160,7 +158,8 @@ class SmcItv:
             done, errors = self._send_setpoints(dict(enumerate(counts)))
             for channel in done:
                 self._limits.sent(channel, allowed[channel])
-            self._raise_first(errors)
+            if errors:
+                raise errors[min(errors)]
             return self._confirmed()
 
     def read(self) -> PressureSample:
@@ -169,14 +168,10 @@ class SmcItv:
         Raises WrongDevice as `confirm_settings` does.
         """
         with self._lock:
-            self._need_open()
             self._readings += 1
             if self._readings % REREAD_EVERY == 0:
                 self.confirm_settings()
-            self._lock.sleep(self._polled_at + self.config.poll_interval - timing.now())
-            counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"MON"))
-            self._polled_at = timing.now()
-            self._raise_first(errors)
+            counts = self._polled(b"MON")
             measured = tuple(counts[channel] * self.step for channel in range(self.channels))
             return PressureSample(self._clock.now(), self._confirmed(), measured)
 
@@ -186,11 +181,7 @@ class SmcItv:
         Raises WrongDevice when one is not what was confirmed: changed at the panel, by another program, or by a loss of power.
         """
         with self._lock:
-            self._need_open()
-            self._lock.sleep(self._polled_at + self.config.poll_interval - timing.now())
-            counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"REQ"))
-            self._polled_at = timing.now()
-            self._raise_first(errors)
+            counts = self._polled(b"REQ")
             for channel, needed in enumerate(self._counts):
                 if channel not in self._unsure and (held := counts[channel]) != needed:
                     raise WrongDevice(
@@ -212,7 +203,7 @@ class SmcItv:
         """
         with self._lock.stopping():
             if not any(line.is_open for line in self._lines):
-                raise self._lines[0].not_open()
+                self._lines[0].demand_open()
             done, errors = self._send_setpoints(dict.fromkeys(range(self.channels), 0))
             for channel in done:
                 self._limits.sent(channel, 0.0)
@@ -252,17 +243,21 @@ class SmcItv:
 
     def _need_open(self) -> None:
         for line in self._lines:
-            if not line.is_open:
-                raise line.not_open()
+            line.demand_open()
 
     # -- all channels at once
     def _confirmed(self) -> tuple[float, ...]:
         return tuple(count * self.step for count in self._counts)
 
-    @staticmethod
-    def _raise_first(errors: dict[int, InstrumentError]) -> None:
+    def _polled(self, request: bytes) -> dict[int, int]:
+        """Ask each unit for a number when `poll_interval` has passed since the last poll; raises the first error."""
+        self._need_open()
+        self._lock.sleep(self._polled_at + self.config.poll_interval - timing.now())
+        counts, errors = self._numbers(dict.fromkeys(range(self.channels), request))
+        self._polled_at = timing.now()
         if errors:
             raise errors[min(errors)]
+        return counts
 
     def _send_setpoints(self, counts: dict[int, int]) -> tuple[list[int], dict[int, InstrumentError]]:
         """Send set-points in counts; returns the channels that confirmed and the errors of the others."""

@@ -131,13 +131,11 @@ class MotorAxis(SerialPort):
     def set_tick(self) -> None:
         """Give the tick timer a new value; from now on `restarted` knows."""
         self._tick = random.randrange(FIRST_TICK, LAST_TICK)
-        self._send(TMCLCommand.SGP, ModuleParameter.TICK_TIMER, self._tick, bank=0)
+        self.put_global(ModuleParameter.TICK_TIMER, self._tick)
 
     def restarted(self) -> bool:
         """Whether the tick timer has gone back, which it does without power only; it is asked twice."""
-        return all(
-            self._send(TMCLCommand.GGP, ModuleParameter.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
-        )
+        return all(self.get_global(ModuleParameter.TICK_TIMER) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS))
 
     def move_to(self, position: int) -> None:
         """Start moving to a position, microsteps."""

@@ -222,7 +222,7 @@ def played(robot: Robot) -> RobotTruth:
     unlike += ["markers beside the axis"] * bool(robot.marker_places()[:, :2].any())
     if robot.chambers is None or unlike:
         raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {', '.join(unlike)}")
-    same = ("length", "outer_radius", "inner_radius", "density", "youngs_modulus", "gravity", "markers",
+    same = ("length", "outer_radius", "inner_radius", "density", "youngs_modulus", "gravity", "markers", "max_pressure",
             "bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length")  # fmt: skip
     values: dict[str, Any] = {name: getattr(robot, name) for name in same} | {
         "thrust_on_walls": robot.thrust == "walls",

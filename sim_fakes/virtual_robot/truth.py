@@ -52,6 +52,8 @@ class RobotTruth(BaseModel):
     """Whether the side walls take the chambers' thrust, all along the arc, instead of the tip's cap."""
     fill_time: float = Field(default=0.25, gt=0, le=60, json_schema_extra={"unit": "s"})
     supply_pressure: float = Field(default=400e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    max_pressure: float | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
+    """Highest that rig.yaml allows; of no effect on the physics."""
 
     # spine
     spine_modulus: dict[float, float] = Field(default_factory=lambda: dict(TABLE_II))

@@ -67,6 +67,14 @@ def test_an_answer_comes_without_its_terminator_and_what_follows_stays(end: Othe
     assert line.read_exactly(5) == b"third"
 
 
+def test_a_binary_frame_keeps_a_first_byte_that_looks_like_white_space(end: OtherEnd) -> None:
+    with contextlib.closing(SerialLine("board", os.ttyname(end.slave), 19200, 0.1, padding=b"")) as line:
+        line.open()
+        end.say(b"\n\0 10 bytes\x7e\n\0")
+        assert line.read_until(b"\x7e") == b"\n\0 10 bytes"
+        assert line.read_exactly(2) == b"\n\0"
+
+
 def test_asking_throws_stale_input_away_first(end: OtherEnd, line: SerialLine) -> None:
     end.say(b"late answer\rrest")
     raises(NoReply, None, line.ask, b"A\r", b"\r")
@@ -111,6 +119,15 @@ def test_a_board_that_resets_when_its_port_opens_is_given_time_and_what_it_says_
     line.open()  # is open and answers: nothing resets
     assert waits == [2.0] and line.listen(0.02) == b""
     line.close()
+
+
+def test_a_port_is_set_to_the_boards_parity_and_stop_bits(end: OtherEnd, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(termios, "tcsetattr", lambda fd, when, to: asked.append(to[2]))  # a pty has neither and drops them
+    with contextlib.closing(SerialLine("board", os.ttyname(end.slave), 19200, 0.1, framing="8E2")) as line:
+        line.open()
+    assert asked[0] & (termios.PARENB | termios.PARODD | termios.CSTOPB) == termios.PARENB | termios.CSTOPB
+    raises(Unreachable, "parity: 'X'", SerialLine("board", os.ttyname(end.slave), 19200, 0.1, framing="8X1").open)
 
 
 def test_a_port_that_is_not_there_is_unreachable_and_says_what_to_check() -> None:

@@ -378,7 +378,8 @@ def test_lines_move_the_rig_within_its_limits_and_the_end_vents(
     told = cli("jog", "--rig", virtual_lab.rig, code=0).flat
     assert "set-point of chamber 9, 1, 2: 20 kPa; pressures" in told and "tip " in told
     assert max(reached) == pytest.approx(20e3, abs=1e3)
-    assert "p2 900 kPa: must be 0 to 250 kPa, the limit of rig and robot" in told and "chamber 11 is on no channel" in told
+    limit = f"max_pressure of {virtual_lab.rig.with_name('robot.yaml')}"
+    assert f"p2 900 kPa: must be 0 to 250 kPa, {limit}" in told and "chamber 11 is on no channel" in told
     assert "'dance': no such command; this rig takes p2 20 kPa | spine 5 cm | valve on" in told and "p2: '2 bar 5'" in told
     help_line = "| vent | help | q; numbers without a unit are in Pa or m, pressures may be in Pa, "
     assert told.count(help_line) == 5  # at the start, too

@@ -16,6 +16,7 @@ from model.effects import ForwardModel, design_from_columns
 from model.robot import Robot
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
+from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import Condition, VirtualRobot, walk
 from tests.simulated.clock import SimulatedClock
@@ -30,6 +31,13 @@ def rig(shared_clock: SimulatedClock, tmp_path_factory: pytest.TempPathFactory) 
     with FakeRig(speed=20.0, seed=7, truth=played(load(ROBOT, Robot)), without=("spine",)) as fakes:
         write_rig(fakes, path, {}, ROBOT)
         yield path
+
+
+@pytest.mark.parametrize(("range_of_units", "allowed"), [(400e3, 350e3), (200e3, 200e3)])
+def test_a_rig_of_fakes_allows_what_both_robot_and_regulators_bear(range_of_units: float, allowed: float) -> None:
+    robot = load(ROBOT, Robot).replace(max_pressure=350e3)
+    fakes = FakeRig(truth=played(robot), regulators=FakeRegulators("alicat", range_of_units), without=("spine",))
+    assert fakes.rig_file()["instruments"]["pressure"]["max_pressure"] == allowed
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from drivers.configs import RegulatorsConfig
+from drivers.configs import Framing, RegulatorsConfig
 from drivers.errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import Identity, PressureSample
 from drivers.pressure_limits import PressureLimits
@@ -27,6 +27,7 @@ class Config(RegulatorsConfig):
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
     settle: float = Field(0.0, ge=0, le=10, json_schema_extra={"unit": "s"})
     """How long a board is deaf that resets when its port opens, such as an Arduino Uno: 2 s."""
+    framing: Framing = "8N1"
 
 
 class Pr4:
@@ -35,7 +36,7 @@ class Pr4:
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
         self.name, self.channels = name, len(config.chambers)
         self._port, self._clock = config.port, clock
-        self._line = SerialLine(name, config.port, BAUD, config.timeout, settle=config.settle)
+        self._line = SerialLine(name, config.port, BAUD, config.timeout, settle=config.settle, framing=config.framing)
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._held = (0.0,) * self.channels
 
