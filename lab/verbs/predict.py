@@ -33,9 +33,8 @@ from recordings.table_file import csv_text, read_numbers
 from recordings.trials import Table
 
 from ..console import Screen, note, out, titled
-from ..files.config import ConfigError, demand_writable, load, read_yaml
-from ..files.file_axes import FileAxes
-from ..files.map_file import factor, map_of
+from ..files.config import ConfigError, demand_writable, load
+from ..files.map_file import factor
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..files.robot_numbers import doubtful_numbers
@@ -60,16 +59,13 @@ PICTURES = (".svg", ".png", ".pdf")
 
 
 def predict(
-    robot: Robot, states: Columns, files: tuple[Path | None, Path | None], effects: Path | None, axes: FileAxes | None = None,
-    notes: Sequence[str] = (),
-) -> Result:  # fmt: skip
-    """Predict the tip of states (columns of trials.csv, SI), those of a trial in order, along `axes` of a file where given.
-    Raises ConfigError, ModelError."""
+    robot: Robot, states: Columns, files: tuple[Path | None, Path | None], effects: Path | None, notes: Sequence[str] = ()
+) -> Result:
+    """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
     catalogue = stated_by(robot, effects)
     notes = [*notes, *_judge(robot, states)]
     with Screen("predicting"):
-        prediction = _with_known_intervals(robot, _predicted(robot if axes is None else axes.seen(robot), states, catalogue))
-    prediction = prediction if axes is None else axes.to_file(prediction)
+        prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
     bending = {name: column[bent] for name, column in states.items() if name != "protocol"}
     unsolved = int((~prediction.converged).sum())
@@ -81,8 +77,7 @@ def predict(
         tips(pressures.max(axis=1), np.asarray(lengths, float), prediction, path, robot.actuators.words)
 
     named = f"{robot.name}, {' + '.join(robot.effects) or 'no effect'}"
-    seen = "end of the rod of robot.yaml, in the base frame" if axes is None else axes.says
-    title = f"Expected tip ({seen}), p in {robot.actuators.words.unit}: {named}"
+    title = f"Expected tip (end of the rod of robot.yaml, in the base frame), p in {robot.actuators.words.unit}: {named}"
     lengths, pressures, rows = bending["spine_length"], _pressures(robot, bending), prediction_rows(bending, prediction)
     sheet = partial(_sheet, title, robot, {}, lengths, pressures, prediction)
     return _result(robot, files, "states", rows, sheet, draw, missing, notes)
@@ -138,7 +133,6 @@ def invert(
     effects: Path | None,
     spine_length: float | None,
     groups: tuple[tuple[int, ...], ...] | None,
-    axes: FileAxes | None = None,
 ) -> Result:
     """Pressures and spine lengths (m; None: free) for wanted tips; `groups` share a regulator. Raises ConfigError, ModelError."""
     table, _ = _columns_in_si(targets_path, "w?[xyz]", "x, y, z (m, or x [mm] ..)", robot.actuators.words)
@@ -151,11 +145,9 @@ def invert(
     try:
         limits = limits_of(robot, groups, spine=None if spine_length is None else (spine_length, spine_length))
         with Screen(f"searching {robot.actuators.words.pressures}") as screen, warnings.catch_warnings(action="ignore"):
-            predictor = Predictor(robot if axes is None else axes.seen(robot), stated_by(robot, effects))
-            wanted = (place, weight) if axes is None else axes.from_file(place, weight)
-            reached = inverse(predictor, wanted[0], limits, wanted[1], lambda share: screen.progress(share, 1.0))
-        found = _with_known_intervals(robot, reached.prediction)
-        reached = replace(reached, prediction=found if axes is None else axes.to_file(found))
+            predictor = Predictor(robot, stated_by(robot, effects))
+            reached = inverse(predictor, place, limits, weight, lambda share: screen.progress(share, 1.0))
+        reached = replace(reached, prediction=_with_known_intervals(robot, reached.prediction))
     except ModelError as e:
         raise ConfigError(f"{targets_path}: {e}") from e
     missed, missing = np.flatnonzero(~reached.reached), ""
@@ -359,16 +351,15 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
 
 def _predict_verb(a: argparse.Namespace) -> Result:
     robot, files = load(a.robot, Robot), (a.out, a.figure)
-    axes = None if a.map is None else FileAxes.of(map_of(read_yaml(a.map), robot.actuators.words))
     demand_writable(*files)  # before minutes are spent
     if a.figure is not None and a.figure.suffix not in PICTURES:
         raise ConfigError(f"--figure {a.figure}: must end in {', '.join(PICTURES)}")
     if a.inverse is not None:
-        return invert(robot, a.inverse, files, a.effects, a.spine_length, a.groups, axes)
+        return invert(robot, a.inverse, files, a.effects, a.spine_length, a.groups)
     if a.table is None:
-        return predict(robot, protocol_states(a.protocol, a.set, robot), files, a.effects, axes)
+        return predict(robot, protocol_states(a.protocol, a.set, robot), files, a.effects)
     states, notes = vented(robot, table_states(a.table, robot.actuators.words))
-    return predict(robot, states, files, a.effects, axes, notes)
+    return predict(robot, states, files, a.effects, notes)
 
 
 GIVEN = OneOf(
@@ -390,7 +381,6 @@ VERBS = (
             JSON,
             path_option("--robot", "ROBOT.yaml", "robot.yaml, with its effects (lab fit --with)", required=True),
             GIVEN,
-            path_option("--map", "MAP.yaml", "the tracked point, axes and origin of the file that this map.yaml describes"),
             repeatable("--set", "KEY=VALUE", "with --protocol: change one parameter"),
             option("--spine-length", type=float, metavar="M", help="with --inverse: keep the spine at this length, m"),
             option(

@@ -147,32 +147,6 @@ def test_a_table_is_predicted_as_from_python(case: Path, robot: Path, tmp_path: 
     assert any("gone.x" in text for text in compared) and any("gone.x" in f["text"] for f in fitted if f["code"] == "as_read")
 
 
-@pytest.mark.parametrize("frame", ["{x: -z, y: x, z: -y}", "{x: [0, 0, -1], y: [0.8, 0.6, 0], z: [0.6, -0.8, 0]}"])
-def test_what_is_predicted_in_a_files_axes_is_imported_as_what_the_robot_does(frame: str, tmp_path: Path, cli: Cli) -> None:
-    rows = "".join(f"{p},{80 - p},{p / 2}\n" for p in (0, 30, 60, 80))
-    (states := tmp_path / "s.csv").write_text("p1 [kPa],p2 [kPa],p3 [kPa]\n" + rows)
-    (given := tmp_path / "map.yaml").write_text(
-        "columns:\n  p1: p1\n  p2: p2\n  p3: p3\n"
-        "  x: {column: x, unit: m, zero: 0.3}\n  y: {column: y, unit: m, scale: -1}\n  z: {column: z, unit: m, zero: -0.05}\n"
-        f"orientation: {{columns: [qw, qx, qy, qz], mount: [0.8, 0.6, 0, 0]}}\nsensor: [4 mm, 0, 25 mm]\nframe: {frame}\n"
-        "trials: {begin: state}\n"
-    )
-    seen, end = (
-        cli("predict", "--robot", THREE, "--table", states, *more, "--json").json["states"]
-        for more in (("--map", given, "--out", tmp_path / "read.csv"), ())
-    )
-    cli("import", tmp_path / "read.csv", "--map", given, "--robot", THREE, "--out", tmp_path / "case")
-    table = read_case([tmp_path / "case"]).table
-    for name in ("x", "y", "z", "qw", "qx", "qy", "qz"):
-        np.testing.assert_allclose(table[name], [state[name] for state in end], atol=1e-6)
-    (targets := tmp_path / "t.csv").write_text("x,y,z\n" + "".join(f"{s['x']},{s['y']},{s['z']}\n" for s in seen[:2]))
-    found = cli("predict", "--robot", THREE, "--inverse", targets, "--map", given, "--json").json["targets"]
-    assert all(s["reached"] for s in found)
-    np.testing.assert_allclose([[s[k] for k in "xyz"] for s in found], [[s[k] for k in "xyz"] for s in seen[:2]], atol=2e-4)
-    told = cli("predict", "--robot", THREE, "--table", states, "--map", given).flat
-    assert "25.3 mm from the end of the rod, along the file's axes, from its origin" in told
-
-
 def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> None:
     targets, table = tmp_path / "targets.csv", tmp_path / "p.csv"
     targets.write_text("x,y,z\n-0.05,0.01,\n1,0,0.2\n")
