@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from rich.table import Table as Sheet
 
-from diagnosis.data.levels import pressure_gap, vented_at_zero
 from diagnosis.data.plausible import LOWEST_USUAL
 from model.actuators import Words
 from model.arrays import Array
@@ -30,7 +29,6 @@ from protocols.planned import planned_rows
 from recordings.json_text import plain_numbers
 from recordings.numbers import whole_number
 from recordings.table_file import csv_text, read_numbers
-from recordings.trials import Table
 
 from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, demand_writable, load
@@ -58,12 +56,10 @@ NO_INTERVAL = (
 PICTURES = (".svg", ".png", ".pdf")
 
 
-def predict(
-    robot: Robot, states: Columns, files: tuple[Path | None, Path | None], effects: Path | None, notes: Sequence[str] = ()
-) -> Result:
+def predict(robot: Robot, states: Columns, files: tuple[Path | None, Path | None], effects: Path | None) -> Result:
     """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
     catalogue = stated_by(robot, effects)
-    notes = [*notes, *_judge(robot, states)]
+    notes = _judge(robot, states)
     with Screen("predicting"):
         prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
@@ -175,7 +171,7 @@ def invert(
     _, notes = outside_known(robot, reached.pressures, reached.spine_length)
     columns: Columns = {f"target_{k}": place[:, i] for i, k in enumerate("xyz")}
     columns |= {"reached": reached.reached, "miss": reached.miss}
-    columns |= _by_chamber(reached.pressures)
+    columns |= {f"p{c}": pressure for c, pressure in enumerate(reached.pressures.T, 1)}
     columns["spine_length"] = reached.spine_length
     rows = _rows(columns | _with_ends("xyz", reached.prediction.tip, *reached.prediction.interval(model_only=True)))
     return _result(robot, files, "targets", rows, sheet, draw, missing, notes)
@@ -186,9 +182,9 @@ def table_states(path: Path, words: Words) -> Columns:
 
     Without a unit in its heading a column is in SI. Raises ConfigError, also for pressures too low for Pa."""
     needed = f"p1 .. (Pa) or p1 [{words.unit}] .., and with a spine spine_length (m)"
-    columns, in_unit = _columns_in_si(path, "|".join(("(?:sd_)?p[0-9]+", *ASKED)), needed, words)
+    columns, in_unit = _columns_in_si(path, "|".join(("p[0-9]+", *ASKED)), needed, words)
     for name, column in columns.items():
-        if column.dtype == np.float64 and np.isnan(column).all() and not name.startswith("sd_"):
+        if column.dtype == np.float64 and np.isnan(column).all():
             raise ConfigError(f"{path}: the column {name} is empty, leave it out")
     columns.setdefault("spine_length", np.zeros(len(next(iter(columns.values())))))
     bare = {name: column for name, column in columns.items() if re.fullmatch(r"p\d+", name) and name not in in_unit}
@@ -199,24 +195,6 @@ def table_states(path: Path, words: Words) -> Columns:
             f"({highest:g} {words.unit} is {words.pascal * highest:g}), or name the column '{name} [{words.unit}]'"
         )
     return columns
-
-
-def vented(robot: Robot, states: Columns) -> tuple[Columns, list[str]]:
-    """The states of a table, readings of a table of trials as fit and diagnosis take them: 0 of vented chambers; a note of them.
-
-    Without a column `trial` the pressures are no readings, and stay."""
-    asked = {name: column for name, column in states.items() if not name.startswith("sd_")}
-    if "trial" not in asked:
-        return asked, []
-    table, words, read = Table(states), robot.actuators.words, _pressures(robot, states)
-    of_robot = np.flatnonzero(~table.pushed & np.isfinite(read).all(axis=1))
-    taken, gap = read.copy(), pressure_gap(table.replaced(_by_chamber(read)).take(of_robot))
-    taken[of_robot] = vented_at_zero(read[of_robot], table.trial[of_robot], gap)
-    off = np.abs(read - taken) > 0
-    idle = words.group((np.flatnonzero(off.any(axis=0)) + 1).tolist())
-    most = f"{words.number(float(np.abs(read[off]).max(initial=0.0)), 1)} {words.unit}"
-    note = f"{off.sum()} readings of {idle} while not in use, at most {most}, are taken as 0, as lab compare takes them"
-    return {**asked, **{name: own for name, own in _by_chamber(taken).items() if name in asked}}, [note] * bool(off.any())
 
 
 def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple[Columns, set[str]]:
@@ -288,11 +266,6 @@ def _pressures(robot: Robot, states: Columns) -> Array:
     return np.stack([np.asarray(states.get(f"p{c}", none), float) for c in range(1, count + 1)], axis=1)
 
 
-def _by_chamber(pressures: Array) -> dict[str, Array]:
-    """The columns p1 .. of (n, chambers) Pa."""
-    return {f"p{c}": pressure for c, pressure in enumerate(pressures.T, 1)}
-
-
 def _judge(robot: Robot, states: Columns) -> list[str]:
     """Notes about actuators without a column and states where the model was never compared with the robot (`outside_known`).
 
@@ -356,10 +329,8 @@ def _predict_verb(a: argparse.Namespace) -> Result:
         raise ConfigError(f"--figure {a.figure}: must end in {', '.join(PICTURES)}")
     if a.inverse is not None:
         return invert(robot, a.inverse, files, a.effects, a.spine_length, a.groups)
-    if a.table is None:
-        return predict(robot, protocol_states(a.protocol, a.set, robot), files, a.effects)
-    states, notes = vented(robot, table_states(a.table, robot.actuators.words))
-    return predict(robot, states, files, a.effects, notes)
+    states = table_states(a.table, robot.actuators.words) if a.table else protocol_states(a.protocol, a.set, robot)
+    return predict(robot, states, files, a.effects)
 
 
 GIVEN = OneOf(
