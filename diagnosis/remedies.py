@@ -44,9 +44,9 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
     found, ways = axes @ present, []
     if np.linalg.det(axes) < 0:  # which no frame can be
         mirrored = {way: found @ (np.eye(3) - 2 * np.outer(n, n) / (n @ n)) for way, n in MIRRORS.items()}
-        ways = [min(mirrored, key=lambda way: not np.allclose(mirrored[way], present))]
+        ways = [min(mirrored, key=lambda way: not np.array_equal(mirrored[way], present))]
         found = mirrored[ways[0]]
-    if not np.allclose(found, present):
+    if not np.array_equal(found, present):
         quote = '"' if mapped.call else ""
         pairs = (f"{quote}{axis}{quote}: {name}" for axis, name in zip("xyz", named(found, quote), strict=True))
         ways.append(_write("frame", "{" + ", ".join(pairs) + "}", mapped))

@@ -195,11 +195,6 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
             kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
             turned = partial(lambda q, s, v, own: v.framed(q[None]) if s[2] > 0 else v.turned(q[None], s), quaternion, sign)
             yield Edit(kind, prior, axes_say(axes, mapped), turned)
-    own_axes, oriented = (mapped or Mapped()).axes, mapped is not None and np.isfinite(sample.table.orientation).any()
-    for sign in np.ones((3, 3)) - 2 * np.eye(3) if oriented else ():  # of a column, which attitudes do not share
-        axes = own_axes @ np.diag(sign) @ np.linalg.inv(own_axes)
-        apply = partial(lambda axes, v, own: replace(v, tip=v.tip @ axes.T, markers=v.markers @ axes.T), axes)
-        yield Edit(MIRROR[0], MIRROR[1] / 3, axes_say(axes, mapped), apply)
     start = tuple(turn.inv().as_rotvec().tolist())
     bounds = ((-4.0, 4.0),) * 3  # rad
     yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.framed(from_vector(-own)), (start,), bounds)

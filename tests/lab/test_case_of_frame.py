@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 from commands import refused
 from foreign import ROBOT, by_map
-from scipy.spatial.transform import Rotation
 
 import lab
 from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
@@ -292,21 +291,6 @@ def test_a_column_whose_unit_puts_the_tip_out_of_reach_is_named_where_it_is_refu
         frame["x"] *= factor
         with pytest.raises(ConfigError, match=f"of {12 * groups} states\\): column x holds mm read as {wrong} .* write columns="):
             lab.case(frame, FINGER, **AT_REST, **BY_REST)
-
-
-def test_a_mistake_in_points_that_a_sensor_moved_back_is_named_as_the_file_holds_it() -> None:
-    groups = (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1)
-    pressures = 2e4 * np.array([k * np.array(group) for group in groups for k in range(4)])
-    found, axes = lab.load_robot(FINGER).predict(pressures), np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
-    turn, of_file = Rotation.from_quat(found.orientation, scalar_first=True), Rotation.from_matrix(axes)
-    points = (found.tip + turn.apply([0.0, 0.0, 0.03])) @ axes
-    columns = np.hstack([pressures, points, (of_file.inv() * turn * of_file).as_rotvec()])
-    frame = pd.DataFrame(columns, columns=["p1", "p2", "p3", *"xyz", "rx", "ry", "rz"])
-    keys: dict[str, Any] = {"frame": dict(zip("xyz", axes.tolist(), strict=True)), **BY_REST}
-    keys |= {"orientation": {"columns": ["rx", "ry", "rz"], "order": "rotation vector"}, "sensor": [0.0, 0.0, 0.03]}
-    refused("hold cm read as mm", lab.case, frame.assign(**0.1 * frame[[*"xyz"]]), FINGER, **keys)
-    with pytest.warns(match="change the sign of column x"):
-        lab.case(frame.assign(x=-frame["x"]), FINGER, **keys)
 
 
 def test_an_axis_that_any_unit_fits_is_not_said_to_be_in_another() -> None:
