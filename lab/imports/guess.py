@@ -41,7 +41,6 @@ from .joining import JOIN
 from .proposal import Guess
 from .quantities import quantities_of
 from .series import Series, texts, unit_in
-from .table import MOST_LOADS
 from .trials import Change, Stages, changes
 
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
@@ -68,7 +67,7 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     tip = guess_tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
     guess_quaternion(g, series, turns, tip.columns)
     guess_angles(g, series, angles, tip)
-    used |= {*tip.mentioned, *_forces(g, series, [h for h in headings if h.name not in used])}
+    used |= set(tip.mentioned)
     _others(g, series, [h for h in headings if h.name not in used], robot)
     _states(g, series, pressures, robot)
     _trials(g, series, counting, pressures, robot)
@@ -243,20 +242,6 @@ def _usual(pressures: Array) -> _Unit:
 
 
 # ------------------------------------------------------------------ the rest
-def _forces(g: Guess, series: Series, headings: Sequence[Heading]) -> Sequence[str]:
-    """Propose the force on the tip, three columns in N that were set, and its axes, with a doubt; return the columns used."""
-    of_force = triples([h for h in headings if h.kind == "N" and h.name in series.numbers])
-    three = next((t for t in of_force if all(len(np.unique(series.numbers[c])) <= MOST_LOADS for c in t.columns)), None)
-    if three is None:
-        return ()
-    for axis, column in zip("xyz", three.columns, strict=True):
-        g.say(f"columns.force_{axis}", {"column": column, "unit": three.unit}, "a force that was set")
-    if "frame" in g.reasons:
-        g.say("forces", "file", "along the file's axes, which `frame` turns")
-        g.doubt("forces", f"{' / '.join(three.columns)} are taken along the file's axes; if they are not, write `base`")
-    return three.columns
-
-
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
     """Propose the other columns (time, mass, spine, branch ..), with unit and doubts, and list unused ones."""
     ignored = []

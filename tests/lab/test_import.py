@@ -484,10 +484,10 @@ def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -
 def test_forces_along_the_file_s_axes_are_turned_as_places_are_and_those_along_unstated_axes_noted(tmp_path: Path) -> None:
     file = seen(tmp_path / "table.csv")
     pandas.read_csv(file).assign(Fx_N=0.0, Fy_N=0.0, Fz_N=0.5).to_csv(file, index=False)
-    proposed, turned = through(file)
-    assert turned.table.tip_force[0] == pytest.approx([0.0, -0.5, 0.0]) and "forces" in proposed.doubtful
-    assert proposed.values.pop("forces") == "file"
-    kept = by_map(file, **proposed.values)
+    values = through(file)[0].values
+    values["columns"] |= {f"force_{axis}": f"F{axis}_N" for axis in "xyz"}
+    turned, kept = by_map(file, **values, forces="file"), by_map(file, **values)
+    assert turned.table.tip_force[0] == pytest.approx([0.0, -0.5, 0.0]) and not any("forces" in n for n in turned.notes)
     assert kept.table.tip_force[0] == pytest.approx([0.0, 0.0, 0.5]) and any("write `forces: file`" in n for n in kept.notes)
 
 
