@@ -135,28 +135,18 @@ def _gap(d: Diagnosis) -> str:
     no_better = d.attribute.conclusion != "noise" and calibrated >= w.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
-    # without a cause all of it; beside one, which it may stand in for, what is beyond its tolerances
-    moved = () if d.calibration is None else d.calibration.set_up if d.fitted is None else _beyond(d.calibration.set_up)
-    each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in moved]
-    if d.fitted is not None and len(each) > 3:
-        each[3:] = [counted(len(each) - 3, "more number")]
-    far = d.fitted is None and any(s.value > judgement.BEYOND_SD * s.sd for s in moved)
-    set_up = f" ({'; '.join(each)}{': measure again' * far})" if each else ""
+    # beside a cause, for which the set-up may stand in, what is farther off, and not to be measured again
+    least, again = (judgement.BEYOND_SD, ": measure again") if d.fitted is None else (judgement.TENSE_SD, "")
+    far = [] if d.calibration is None else [s for s in d.calibration.set_up if s.value > least * s.sd]
+    each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in far[:MOST_NUMBERS]]
+    each += [counted(len(far) - MOST_NUMBERS, "more number")] * (len(far) > MOST_NUMBERS)
+    set_up = f" ({'; '.join(each)}{again})" if each else ""
     on_walls = " but with `thrust: walls`" * any(f.code in ("thrust_settled", "thrust_likely") for f in d.findings)
     return (
         f"Uncalibrated{on_walls}, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
-        f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{set_up}, by "
+        f"{d.words.area_factor}{factor} and the set-up fitted{set_up}, by "
         f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
-
-
-def within(d: Diagnosis) -> str:
-    """Whether calibration leaves the set-up within its tolerances, or moves any of it far beyond."""
-    return "beyond" if d.calibration is not None and _beyond(d.calibration.set_up) else "within"
-
-
-def _beyond(set_up: Sequence[SetUp]) -> list[SetUp]:
-    return [s for s in set_up if s.value > judgement.TENSE_SD * s.sd]
 
 
 def _by(s: SetUp, what: str, value: float) -> str:
@@ -191,7 +181,7 @@ def changed_by(d: Diagnosis) -> str:
     creeps = " before it creeps" * ("viscoelastic" in d.attribute.effects)
     body = " or ".join([f"a body {as_stiff(c)}{creeps}", *(alike_in_words(a, d.names) for a in alike)])
     first = [_by(s, s.name, s.value) for s in c.set_up if s.mm > c.body_mm and d.fitted is None]
-    return ", ".join([*first, *([body] if _factor(d) or not first else [])])
+    return ", ".join([*first[:MOST_NUMBERS], *([body] if _factor(d) or not first else [])])
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:

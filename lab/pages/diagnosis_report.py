@@ -134,7 +134,7 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
 
 
 STEPS = {
-    "calibration": "calibration: one {area_factor}, set-up {within} its tolerances",
+    "calibration": "calibration: one {area_factor}, set-up fitted",
     "simulator": "the simulator replaced by the rod",
     "tolerances": "tolerances of every other effect",
     "regular": "systematic residual",
@@ -152,7 +152,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         return
     with_numbers = {"calibration": f"{STEPS['calibration']} and the numbers calibrated first"}
     labels = {**STEPS, **(with_numbers if "first_calibration" in d.detail else {})}
-    steps = {step: d.words.fill(label, within=sentences.within(d)) for step, label in labels.items()}
+    steps = {step: d.words.fill(label) for step, label in labels.items()}
     s.figure(
         draw.waterfall(w, [plain_name(x.effect, d.names) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} of {w.n + w.lost} states, each predicted by fits that did not see it "

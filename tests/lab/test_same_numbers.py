@@ -54,9 +54,8 @@ def in_json(text: str) -> Numbers:
         said["with cause"] = f"{shrink['after_mm']:.2f}"
         if (share := shrink["share_closed"]) is not None and share >= 0:
             said["closed"] = f"{100 * min(share, 1.0):.0f}"
-    said["set-up"] = "within"
-    if (c := d["calibration"]) is not None:
-        said["set-up"] = "beyond" if any(s["value"] > 4 * s["sd"] for s in c["set_up"]) else "within"
+    if (c := d["calibration"]) is not None and any(s["value"] > 2.5 * s["sd"] for s in c["set_up"]) and d["fitted"] is None:
+        said["set-up"] = "measure again"
     stiffness = c["modulus"] * (1.0 if c["determined"] else c["given"] / c["area_factor"]) if c is not None else 1.0
     if c is not None and max(abs(stiffness - 1), abs(c["modulus"] - 1)) >= 0.01:
         said |= {"area factor": f"{c['area_factor']:.2f}", "area factor given": f"{c['given']:.2f}"}
@@ -97,7 +96,7 @@ def in_statement(text: str) -> Numbers:
             "uncalibrated": r"^.*[Uu]ncalibrated,? .*? misses the tip by ([\d.]+) mm rms",
             "calibrated": r" by ([\d.]+) mm on unseen states",
             "noise floor": r"the noise floor is ([\d.]+) mm",
-            "set-up": r"the set-up (\w+) its tolerances",
+            "set-up": r"the set-up fitted \([^)]+: (measure again)\)",
             "with cause": r"their tolerances, ([\d.]+) mm remain|states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it",
             "closed": r"remain on unseen states: (\d+) % of the reducible gap",
             "area factor": r"\(([\d.]+) instead of",
@@ -121,8 +120,7 @@ def in_page(text: str) -> Numbers:
         if heading[0] == "step":
             left = {row[0].partition(" and the numbers")[0]: row[3] for row in rows}
             said["uncalibrated in steps"] = left["model, uncalibrated"]
-            name, said["calibrated in steps"] = next(row for row in left.items() if row[0].startswith("calibration: one"))
-            said["set-up"] = name.split()[-3]
+            said["calibrated in steps"] = next(row for name, row in left.items() if name.startswith("calibration: one"))
         if heading[0] == "hypothesis":
             for row in rows:
                 name = identifier(row[0])
