@@ -37,7 +37,7 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "softlab", "axes.titlelocation": "left",
 }  # fmt: skip
 
-GREY = "#b9c3cb"
+BLUE, GREY = "#20639b", "#b9c3cb"
 
 
 def colours(n: int) -> list[tuple[float, float, float, float]]:
