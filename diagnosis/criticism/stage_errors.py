@@ -56,6 +56,10 @@ def in_words(factor: str) -> str:
     return factor.replace("_", " ").replace("pressure", "{pressure}")
 
 
+WANDER = ("measurement", "time")
+"""A free-form error that cameras of every rig have, slowly and a little."""
+
+
 def stage_errors(
     g: Gaussian, parameters: FitParameters, stages: Mapping[str, str], functions: Mapping[str, Array]
 ) -> tuple[StageError, ...]:
@@ -84,7 +88,7 @@ def total_gain(errors: Sequence[StageError]) -> float:
 
     Changes over time do not count: every camera drifts (decision 059).
     """
-    counted = [e.gain for e in errors if (e.stage, e.dependence) != ("measurement", "time")]
+    counted = [e.gain for e in errors if (e.stage, e.dependence) != WANDER]
     return _mean(counted) if counted else 0.0
 
 

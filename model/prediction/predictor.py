@@ -225,8 +225,7 @@ def predicted(
             slopes[parameters.index(AREA_FACTOR)] /= forward.area_factor[:, None]
         of_names = slopes[[len(parameters) if name == PRESSURE else parameters.index(name) for name in names]]
         has_law_error = robot.posterior is not None and robot.posterior.law_error > 0
-        inexact = {p.source for p in forward.parameters if not p.exact}
-        without_effect = [forward.read(_without(forward, id)) for id in robot.effects if id in inexact] if has_law_error else []
+        without_effect = [forward.read(_without(forward, id)) for id in robot.effects] if has_law_error else []
         fields |= standard_deviations(robot, covariance, r, of_names, without_effect, unexplained)
     if gradient:
         tip = slopes[-chambers - 1 :, :, :3]

@@ -322,7 +322,10 @@ def test_a_specimen_of_no_length_gives_no_way_and_one_of_unknown_modulus_is_not_
     assert expected_force(robot.model_copy(update={"spine": None}), Push("spine", 0.1, 0.1, 0.002, 25.0)) is None
 
 
-def test_a_robot_that_bears_more_does_not_raise_the_regulators_limit(rig: Rig) -> None:
+def test_regulators_are_told_no_more_than_the_robot_bears(rig: Rig) -> None:
+    read = load_rig(rig({"max_pressure": 100e3}))
+    bounded = within_robot(read, read.body.max_pressure).instruments.pressure
+    assert bounded is not None and bounded.max_pressure == 100e3
     read = load_rig(rig({"max_pressure": 1e6}))
     higher = within_robot(read, read.body.max_pressure).instruments.pressure
     assert higher is not None and higher.max_pressure == 250e3
