@@ -66,7 +66,8 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         yield Edit("modulus", 0.02, partial(_stiffness, "bending_stiffness", 1.0, "N m^2"), apply, tenfold, widest)
     for sense, prior in ((1, 0.05), (-1, 0.03)):  # chambers turned, and counted the other way round, from the first one
         counted = partial(lambda s, v, _: replace(v, azimuth=s * v.azimuth + (1 - s) * v.azimuth[..., :1]), sense)
-        yield Edit("order", prior, partial(_azimuths, sense), counted, EIGHTHS, widens={AZIMUTH: np.pi})
+        # an eighth more than half a turn, as a fit that begins there may end beyond
+        yield Edit("order", prior, partial(_azimuths, sense), counted, EIGHTHS, widens={AZIMUTH: 1.25 * np.pi})
     given, size = np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     known, signs = [given], ((0.01, given * each) for each in product((1.0, -1.0), repeat=3))
     for prior, down in ((0.03, -given), *signs, *((0.005, sign * size * axis) for axis in AXES for sign in (1, -1))):

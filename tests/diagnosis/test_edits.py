@@ -64,11 +64,12 @@ def test_a_robot_near_its_data_stays_as_it_is(case: Measured) -> None:
 
 
 def test_chambers_counted_from_another_one_are_found_and_named(case: Measured) -> None:
-    first = edit_first(turned(ROBOT, -90), states(case)[0])
-    (change,) = first.changes
-    assert change.values["found"] % 360 == pytest.approx(ROBOT.chambers.azimuths_deg[0] % 360, rel=0.1, abs=6)
-    assert first.after_mm < 0.35 * first.before_mm and "all azimuths are 90 deg off (p" in first.concerns[0].text
-    assert f"write `azimuths_deg: {listed.listed(np.mod(ROBOT.chambers.azimuths_deg, 360))}` in robot.yaml" in change.text
+    for degrees, said in ((-90, "all azimuths are 90 deg off (p"), (-180, "180 deg off, counted from the opposite direction (p")):
+        first = edit_first(turned(ROBOT, degrees), states(case)[0])
+        (change,) = first.changes
+        assert change.values["found"] % 360 == pytest.approx(ROBOT.chambers.azimuths_deg[0] % 360, rel=0.1, abs=6)
+        assert first.after_mm < 0.35 * first.before_mm and said in first.concerns[0].text
+        assert f"write `azimuths_deg: {listed.listed(np.mod(ROBOT.chambers.azimuths_deg, 360))}` in robot.yaml" in change.text
 
 
 def test_the_area_factor_beside_a_mistake_keeps_to_the_modulus_that_is_not_taken_over(case: Measured) -> None:

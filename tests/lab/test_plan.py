@@ -323,12 +323,10 @@ def test_a_specimen_of_no_length_gives_no_way_and_one_of_unknown_modulus_is_not_
 
 
 def test_regulators_are_told_no_more_than_the_robot_bears(rig: Rig) -> None:
-    read = load_rig(rig({"max_pressure": 100e3}))
-    bounded = within_robot(read, read.body.max_pressure).instruments.pressure
-    assert bounded is not None and bounded.max_pressure == 100e3
-    read = load_rig(rig({"max_pressure": 1e6}))
-    higher = within_robot(read, read.body.max_pressure).instruments.pressure
-    assert higher is not None and higher.max_pressure == 250e3
+    for borne, told in ((100e3, 100e3), (1e6, 250e3)):
+        read = load_rig(rig({"max_pressure": borne}))
+        regulators = within_robot(read, read.body.max_pressure).instruments.pressure
+        assert regulators is not None and regulators.max_pressure == told
 
 
 def test_a_plan_tells_the_rigs_time_and_ones_own_apart(rig: Rig, cli: Cli) -> None:

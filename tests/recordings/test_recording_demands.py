@@ -24,6 +24,7 @@ from recordings.states.rules import Probe, State, Window
 from recordings.states.zeros import Drift, Unloaded, Zeros, drift, unloaded, without_drift
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
+from tests.simulated.bench import raises
 
 BAND = VacuumBand(1.0, 69e3, 91e3)
 JAMMED = state(
@@ -266,8 +267,7 @@ def test_demands_that_no_stream_can_show_are_refused() -> None:
         (JAMMED, {"probe": None}, "needs a probe"),
         (ASKED, {"topics": ("/pressure",)}, "need /tip"),
     ):
-        with pytest.raises(BadMessage, match=said):
-            replace(asked, **change)  # type: ignore[arg-type]
+        raises(BadMessage, said, replace, asked, **change)
 
 
 def test_the_text_that_older_readers_take_apart_does_not_mention_what_came_later() -> None:
@@ -300,8 +300,7 @@ def test_the_table_has_the_columns_only_where_they_say_something(
     head, first, second = path.read_text().splitlines()
     assert new <= set(head.split(",")) and first.endswith(f",{last}") and second.endswith(",")
     path.write_text(path.read_text().replace(f",{last}\n", f",{wrong}\n"))
-    with pytest.raises(BadTable, match=said):
-        read_csv(path)
+    raises(BadTable, said, read_csv, path)
 
 
 def test_states_at_rest_are_compared_body_by_body(tmp_path: Path) -> None:
