@@ -353,7 +353,7 @@ def scatter(p: Prepared, floor_mm: float) -> Iterator[Finding]:
             at_least = "at least " * (factor > 0.99 * judgement.COMPONENT_RANGE)  # the limit of the fit
             each.append(f"{words.fill(SCATTERS[name], f'{at_least}{amount}')}, {at_least}{factor:.2g} times as much as usual")
     if each:
-        state = p.states.farthest(p.states.repeated)
+        state = p.states.farthest(p.states.repeated(p.points(p.given)))
         worst = f". Farthest off is {state} from its repeats at the same {words.pressures}" if state else ""
         yield finding("scatter_of_repeats", words, floor_mm=floor_mm, scatter=each, worst=worst)
 

@@ -82,15 +82,15 @@ class Campaign:
     points = cached_property[Array](lambda s: np.concatenate([s.tip[None], np.swapaxes(s.trials.markers, 0, 1)]))
     """(1 + k, n, 3) m, the tip and k markers."""
 
-    @cached_property
-    def repeated(self) -> Array:
-        """(1 + k, n, 3) m, the median of each point in the states of other trials in its condition; NaN where there are none."""
-        out, points = np.full(self.points.shape, np.nan), np.ma.masked_invalid(self.points)
+    def repeated(self, predicted: Array) -> Array:
+        """(1 + k, n, 3) m, each point by the states of other trials in its condition: `predicted` (1 + k, n, 3) and the median of
+        what it misses there; NaN where there are none."""
+        out, points = np.full(self.points.shape, np.nan), np.ma.masked_invalid(self.points - predicted)
         for rows in rows_by(self.condition):
             for trial in np.unique(self.trial[rows]) if np.ptp(self.trial[rows]) else ():
                 own = self.trial[rows] == trial
                 out[:, rows[own]] = np.ma.median(points[:, rows[~own]], axis=1).filled(np.nan)[:, None]
-        return out
+        return out + predicted
 
     def farthest(self, expected: Array, trial: int | None = None) -> str:
         """The state, of one trial or of all, with a point that is farthest from where it is expected (1 + k, n, 3) m, and how

@@ -42,6 +42,8 @@ USUAL_PUSHES = NoiseComponents({"force": 0.03}, pressure=0.02e-3)
 """N, white noise of an averaged reading, and m, how well an arm repeats a small step."""
 OFFSET = "pressure_offset.offset"
 """The parameter that changes readings as an error of the pressure does."""
+GAIN_SD = 0.3
+"""Of the model's gain from each regulator to the tip, which what it lacks makes wrong: repeats at unequal pressures show it."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 
@@ -191,14 +193,16 @@ def floor_of(
         return np.column_stack([slope.along(np.array([float(p.slot == slot) for p in infos])) for slot in slots])
 
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
+    by_pressure, drifts = grid(response)[complete], slope.take(np.array([p.scope == "campaign" for p in infos])).whole
+    gains = GAIN_SD * by_pressure * by_regulator(states)[complete, None]
     data = Repeated(
         residual[complete],
         states.condition[complete],
         kinds,
-        grid(response)[complete],
+        by_pressure,
         {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in drawn_anew.items()},
         resting(states)[complete],
-        grid(slope.take(np.array([p.scope == "campaign" for p in infos])).whole)[complete],
+        np.concatenate([grid(drifts)[complete], gains], axis=2),
         _blocks(states)[complete],
         states.time[complete],
     )
@@ -236,10 +240,15 @@ def _all_over(values: Ints) -> Ints:
 def by_readings(states: Campaign) -> Array:
     """(n, 2 r) causes of differences between tips of one condition, to second order: pressure of each of r regulators and its
     square, as shares of the highest."""
-    pressure = with_vented_at_zero(states)
-    read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
+    read = by_regulator(states)
     read = read / max(float(read.max()), 1.0)
     return np.hstack([read, read**2])
+
+
+def by_regulator(states: Campaign) -> Array:
+    """(n, r) Pa of each of r regulators, 0 where it is vented."""
+    pressure = with_vented_at_zero(states)
+    return np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
 
 
 def _usual(noise: NoiseComponents) -> float:
