@@ -19,7 +19,7 @@ from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
 
-from ..arrays import Array, Ints, Mask, rows_by, scattered
+from ..arrays import Array, Ints, Mask, rms, rows_by, scattered
 from ..data.campaign import Campaign, Labels
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
@@ -42,8 +42,8 @@ USUAL_PUSHES = NoiseComponents({"force": 0.03}, pressure=0.02e-3)
 """N, white noise of an averaged reading, and m, how well an arm repeats a small step."""
 OFFSET = "pressure_offset.offset"
 """The parameter that changes readings as an error of the pressure does."""
-GAIN_SD = 0.3
-"""Of the model's gain from each regulator to the tip, which what it lacks makes wrong: repeats at unequal pressures show it."""
+MISFIT = 0.1
+"""Share of what the model misses that its derivatives may leave."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 
@@ -168,8 +168,9 @@ def floor_of(
     pace: float,
 ) -> tuple[NoiseComponents, float, float]:
     """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
-    reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction), and
-    after regression on that and on the pressures, so that sizes in the model do not matter. Without repeats, usual values."""
+    reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction) and what
+    its parameters explain, and after regression on that and on the pressures, so that sizes in the model do not matter. Without
+    repeats, usual values."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = replace(USUAL, memory=MEMORY * pace)
     if not names:
@@ -181,6 +182,7 @@ def floor_of(
         """Values (n, ..) of the robot by state and channel (states, channels, ..); NaN where there was no reading."""
         return scattered((len(states), len(names), *values.shape[1:]), (labels.state[of_robot], column), values[of_robot])
 
+    missed = missed - _explained(infos, labels.kind, missed, slope)
     residual = grid(missed)
     complete = np.flatnonzero(np.isfinite(residual).all(axis=1))
     complete = complete[telling(states.condition[complete], states.trial[complete])]
@@ -193,16 +195,14 @@ def floor_of(
         return np.column_stack([slope.along(np.array([float(p.slot == slot) for p in infos])) for slot in slots])
 
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
-    by_pressure, drifts = grid(response)[complete], slope.take(np.array([p.scope == "campaign" for p in infos])).whole
-    gains = GAIN_SD * by_pressure * by_regulator(states)[complete, None]
     data = Repeated(
         residual[complete],
         states.condition[complete],
         kinds,
-        by_pressure,
+        grid(response)[complete],
         {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in drawn_anew.items()},
         resting(states)[complete],
-        np.concatenate([grid(drifts)[complete], gains], axis=2),
+        grid(slope.take(np.array([p.scope == "campaign" for p in infos])).whole)[complete],
         _blocks(states)[complete],
         states.time[complete],
     )
@@ -217,6 +217,19 @@ def floor_of(
     if not noise.contrasts:
         return noise, _usual(noise), _usual(noise)
     return noise, reading_rms(data, tips), reading_rms(as_read, tips)
+
+
+def _explained(infos: Sequence[ParameterInfo], kind: Ints, missed: Array, slope: Columns) -> Array:
+    """(n,) what the most probable parameters that last explain of what the model misses of the robot, to first order. Repeats at
+    unequal pressures, or after other loads, differ by more than their noise where the model is wrong."""
+    out, own = np.zeros(len(missed)), kind < 3
+    missed, kind, columns = missed[own], kind[own], slope.rows(own).whole * np.array([p.sd * p.lasts for p in infos])
+    columns = columns[:, columns.any(axis=0)]
+    usual = np.array([USUAL.channel[k] for k in KINDS[:3]])
+    left = np.hypot(usual, [MISFIT * np.nan_to_num(rms(missed[kind == k])) for k in range(3)])[kind]
+    white = columns / left[:, None]
+    out[own] = columns @ np.linalg.solve(white.T @ white + np.eye(len(white.T)), white.T @ (missed / left))
+    return out
 
 
 def telling(condition: Ints, trial: Ints) -> Mask:
@@ -240,15 +253,10 @@ def _all_over(values: Ints) -> Ints:
 def by_readings(states: Campaign) -> Array:
     """(n, 2 r) causes of differences between tips of one condition, to second order: pressure of each of r regulators and its
     square, as shares of the highest."""
-    read = by_regulator(states)
+    pressure = with_vented_at_zero(states)
+    read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
     read = read / max(float(read.max()), 1.0)
     return np.hstack([read, read**2])
-
-
-def by_regulator(states: Campaign) -> Array:
-    """(n, r) Pa of each of r regulators, 0 where it is vented."""
-    pressure = with_vented_at_zero(states)
-    return np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
 
 
 def _usual(noise: NoiseComponents) -> float:

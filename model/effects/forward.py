@@ -164,7 +164,7 @@ class ForwardModel:
         self._place(design, full, factor, robot.marker_places(full.roll)[:, : design.markers])
         if plane_direction is None:
             plane_direction = obstacle_direction(robot)
-        nominal = self._rows(rod_columns(self._baseline, self._shear))
+        nominal = self._rows(rod_columns(self._quantities(self._table.at(self._nominal)), self._shear))
         self._steps = integration_steps(self._layout, nominal)
         self._start = solved = solve(self._layout, nominal, self._markers, self._steps, inside=False)
         tips = solved.result[: self._moved_rows.size]
