@@ -19,10 +19,11 @@ from model.effects.spec import EffectSpec
 from model.robot import THRUST
 from model.stated import AREA_FACTOR
 
+from . import judgement
 from .answer import sentences, verdict
 from .answer.attribute import Attribution, attribute, calibrated, related_ahead
 from .answer.calibration import alone_as_good, calibration, simulator
-from .answer.decision import behaves_like, doubted
+from .answer.decision import behaves_like, capped, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
@@ -108,8 +109,12 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     location = locate(causes, stages)
     unseen = predict_unseen()
     follows_law = causes.decision.verdict != "unknown"
-    closed = unseen.shrink.share_closed if unseen.shrink is not None else None
-    causes = replace(causes, decision=behaves_like(causes.decision, causes.best.named, causes.posterior, closed))
+    shrunk = unseen.shrink
+    closed = shrunk.share_closed if shrunk is not None else None
+    decision = behaves_like(causes.decision, causes.best.named, causes.posterior, closed)
+    if shrunk is not None and shrunk.after_mm > judgement.LEFT_FLOORS * shrunk.floor_mm:
+        decision = capped(decision, closed)
+    causes = replace(causes, decision=decision)
     words = case.robot.actuators.words
     names = {e: spec.name(words) for e, spec in options.catalogue.items()}
     holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None

@@ -88,6 +88,15 @@ def outside_at_most(d: Decision, probability: float) -> Decision:
     return replace(d, verdict="unknown", effects=(), probability=most, outside=most, limited=probability > most)
 
 
+def capped(d: Decision, closed: float | None) -> Decision:
+    """The decision to name effects in doubt: no more probable than the share of the gap that they close on unseen states
+    (`closed`; None: not known). A cause outside the catalogue is more probable than effects that do not explain it."""
+    if d.verdict != "effect" or closed is None or closed >= d.probability:
+        return d
+    closing = replace(d, probability=closed, outside=1 - closed, limited=False)
+    return closing if closed >= judgement.EXPLAINS else outside_at_most(d, 1 - closed)
+
+
 def share_closed(before: float, after: float, floor: float) -> float | None:
     """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
     return None if before <= judgement.REDUCIBLE_RATIO * floor else 1 - (after**2 - floor**2) / (before**2 - floor**2)

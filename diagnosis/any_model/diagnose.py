@@ -19,7 +19,7 @@ import pandas as pd
 from model.cause import Cause
 
 from .. import judgement
-from ..answer.decision import Decision, behaves_like, decide, doubted, outside_at_most, share_closed, without_nothing
+from ..answer.decision import Decision, behaves_like, capped, decide, doubted, outside_at_most, share_closed, without_nothing
 from ..answer.distinguishability import distinguishability
 from ..arrays import Array, Mask
 from ..criticism.gaussian import Gaussian
@@ -132,10 +132,8 @@ class _Diagnosis:
             decision = doubted(decision, why, 0)
         elif why:
             decision = outside_at_most(decision, decision.probability)
-        if decision.verdict == "effect" and why and closed is not None and closed < decision.probability:
-            # no more probable than what of the gap it closes
-            closing = replace(decision, probability=closed, outside=1 - closed, limited=False)
-            decision = closing if closed >= judgement.EXPLAINS else outside_at_most(decision, 1 - closed)
+        if why:
+            decision = capped(decision, closed)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
         at_fit = b.model.values(fitted.theta)

@@ -168,9 +168,9 @@ def floor_of(
     pace: float,
 ) -> tuple[NoiseComponents, float, float]:
     """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
-    reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction) and what
-    its parameters explain, and after regression on that and on the pressures, so that sizes in the model do not matter. Without
-    repeats, usual values."""
+    reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction) and
+    what its parameters explain, and after regression on that and on the pressures, so that sizes in the model do not matter.
+    Without repeats, usual values."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = replace(USUAL, memory=MEMORY * pace)
     if not names:
