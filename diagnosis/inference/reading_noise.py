@@ -42,8 +42,6 @@ USUAL_PUSHES = NoiseComponents({"force": 0.03}, pressure=0.02e-3)
 """N, white noise of an averaged reading, and m, how well an arm repeats a small step."""
 OFFSET = "pressure_offset.offset"
 """The parameter that changes readings as an error of the pressure does."""
-MISFIT = 0.1
-"""Share of what the model misses that its derivatives may leave."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 
@@ -220,13 +218,14 @@ def floor_of(
 
 
 def _explained(infos: Sequence[ParameterInfo], kind: Ints, missed: Array, slope: Columns) -> Array:
-    """(n,) what the most probable parameters that last explain of what the model misses of the robot, to first order. Repeats at
-    unequal pressures, or after other loads, differ by more than their noise where the model is wrong."""
+    """(n,) what parameters that last explain of what the model misses of the robot, to first order: the most probable ones if
+    they may leave as much again, as a model that is far off is not linear. Repeats at unequal pressures, or after other loads,
+    differ by more than their noise where the model is wrong."""
     out, own = np.zeros(len(missed)), kind < 3
     missed, kind, columns = missed[own], kind[own], slope.rows(own).whole * np.array([p.sd * p.lasts for p in infos])
     columns = columns[:, columns.any(axis=0)]
     usual = np.array([USUAL.channel[k] for k in KINDS[:3]])
-    left = np.hypot(usual, [MISFIT * np.nan_to_num(rms(missed[kind == k])) for k in range(3)])[kind]
+    left = np.hypot(usual, [np.nan_to_num(rms(missed[kind == k])) for k in range(3)])[kind]
     white = columns / left[:, None]
     out[own] = columns @ np.linalg.solve(white.T @ white + np.eye(len(white.T)), white.T @ (missed / left))
     return out

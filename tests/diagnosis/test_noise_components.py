@@ -14,7 +14,7 @@ from diagnosis.inference.prepare import prepare
 from diagnosis.inference.reading_noise import regulators
 from diagnosis.judgement import COMPONENT_LOG_SD, DRIFT_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD
 from model.arrays import Array
-from tests.diagnosis.small_campaigns import FEW, measured
+from tests.diagnosis.small_campaigns import FEW, measured, moved_by
 from tests.diagnosis.test_case import ROBOT, case, sweep
 
 DEFAULT_NOISE = NoiseComponents({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
@@ -81,6 +81,13 @@ def test_errors_of_the_pressure_reading_are_no_scatter_of_the_tip() -> None:
     calm, noisy = (prepare(c.robot, states(c)[0]) for c in (campaign, case(rows)))
     assert noisy.noise_floor == pytest.approx(calm.noise_floor, rel=0.15)
     assert noisy.unit > 1.5 * calm.unit
+
+
+def test_repeats_at_unequal_pressures_scatter_no_more_under_a_model_whose_gain_is_wrong() -> None:
+    rng = np.random.default_rng(2)
+    rows = [replace(r, pressures=tuple(p + 1e3 * rng.normal() if p else p for p in r.pressures)) for r in sweep(3, FEW)]
+    right, wrong = (prepare(ROBOT, states(moved_by(rows, 8, robot))[0]) for robot in (ROBOT, ROBOT.with_modulus(0.5)))
+    assert wrong.noise_components.pressure < 1.3 * right.noise_components.pressure
 
 
 def wandering(memory: float, tip: float, pressure: float, seed: int = 2) -> Repeated:

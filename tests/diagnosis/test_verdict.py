@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.calibration import origins
-from diagnosis.answer.decision import Verdict, behaves_like, decide, doubted, without_nothing
+from diagnosis.answer.decision import Verdict, behaves_like, capped, decide, doubted, without_nothing
 from diagnosis.answer.headline import MOST_WORDS, headline
 from diagnosis.answer.locate import concentrated
 from diagnosis.answer.result import (
@@ -410,6 +410,12 @@ def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_ano
     assert behaves_like(explained, ("base_tilt",), OUTSIDE, most.share_closed) == explained
     assert behaves_like(unknown, (), OUTSIDE, most.share_closed) == unknown
     assert behaves_like(decide(SURE, True), (), SURE, most.share_closed).effects
+
+
+def test_effects_are_no_more_probable_than_the_share_of_the_gap_that_they_close() -> None:
+    sure, known = decide(SURE, True), [capped(decide(SURE, True), closed) for closed in (None, 1.0, 0.7, 0.04)]
+    assert known[:2] == [sure, sure] and known[2] == replace(sure, probability=0.7, outside=1 - 0.7)
+    assert (known[3].verdict, known[3].effects, known[3].p) == ("unknown", (), "p ≤ 0.80")
 
 
 CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),))

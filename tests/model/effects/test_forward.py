@@ -32,6 +32,12 @@ def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(paper_robot:
     assert found.still == pytest.approx(expected, abs=1e-5)
 
 
+def test_attitudes_are_counted_from_the_robot_as_it_is_stated(paper_robot: Robot) -> None:
+    walls = Moved(paper_robot.replace(thrust="walls"), campaign(lengths=(0.0,)), None).forward
+    turns = walls.predict(np.zeros(len(walls.parameters)))[np.isin(walls.observations.channel, ("rx", "ry", "rz"))]
+    assert turns.size and turns == pytest.approx(0.0, abs=1e-6)
+
+
 def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot) -> None:
     robot = paper_robot.replace(markers=[0.1, {"arc_length": 0.25, "offset": [0.036, -0.02]}])
     columns = campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3), roll_deg=30.0)
