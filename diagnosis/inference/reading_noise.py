@@ -167,7 +167,7 @@ def floor_of(
 ) -> tuple[NoiseComponents, float, float]:
     """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
     reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction) and
-    what its parameters explain, and after regression on that and on the pressures, so that sizes in the model do not matter.
+    what its parameters explain, and after regression on both and on the pressures, so that sizes in the model do not matter.
     Without repeats, usual values."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = replace(USUAL, memory=MEMORY * pace)
@@ -180,8 +180,8 @@ def floor_of(
         """Values (n, ..) of the robot by state and channel (states, channels, ..); NaN where there was no reading."""
         return scattered((len(states), len(names), *values.shape[1:]), (labels.state[of_robot], column), values[of_robot])
 
-    missed = missed - _explained(infos, labels.kind, missed, slope)
-    residual = grid(missed)
+    explained = _explained(infos, labels.kind, missed, slope)
+    residual = grid(missed - explained)
     complete = np.flatnonzero(np.isfinite(residual).all(axis=1))
     complete = complete[telling(states.condition[complete], states.trial[complete])]
     number_of = {"trial": states.trial, "repeat": states.repeat}
@@ -207,7 +207,8 @@ def floor_of(
     trial_sd = {source: next(p.sd for p in infos if p.source == source) for source in drawn_anew}
     noise = known or estimate_noise(data, replace(default, trial=trial_sd))
     tips = np.array([name in TIP for name in names])
-    predictors = [by_readings(states)[:, None, :].repeat(len(names), axis=1), grid(observed - missed)[:, :, None]]
+    modelled = grid(np.column_stack([observed - missed, explained]))
+    predictors = [by_readings(states)[:, None, :].repeat(len(names), axis=1), modelled]
     # a coefficient of their own in each channel
     each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
     regular = each.reshape(len(each), len(names), -1)
