@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import shtab
@@ -74,23 +74,14 @@ def _or_text(field: dict[str, Any]) -> dict[str, Any]:
 def completion(shell: str, top: argparse.ArgumentParser) -> Result:
     """Print the script with which a shell completes the arguments of `top`, files and effects included."""
     words = {"with_effects": list(CATALOGUE), "effect": [e.id for e in list_effects()]}
-    for action in arguments(top):
+    (verbs,) = (action for action in top._actions if isinstance(action, argparse._SubParsersAction))  # noqa: SLF001 - the only list
+    for action in (action for verb in verbs.choices.values() for action in verb._actions):  # noqa: SLF001
         if action.dest in words:
             action.choices = words[action.dest]
         elif action.dest == "protocol" or (action.type is not None and getattr(action.type, "__name__", "") == "Path"):
             action.complete = shtab.DIRECTORY if action.dest == "folder" else shtab.FILE  # type: ignore[attr-defined]
     sys.stdout.write(shtab.complete(top, shell) + "\n")
     return Result()
-
-
-def arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Every argument of a parser and of its verbs."""
-    for action in parser._actions:  # noqa: SLF001 - argparse has no other list of them
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            for inner in action.choices.values():
-                yield from arguments(inner)
-        else:
-            yield action
 
 
 VERBS = (
