@@ -190,10 +190,23 @@ class DriverOnFake:
             yield changed
 
 
-def units(*roles: str) -> Any:
-    """Every registered driver of these kinds that has a fake."""
+def units(*roles: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Try every registered driver of these kinds that has a fake; an error in the fake's own code goes before any other."""
     names = [name for name, fake in found_fakes().usable.items() if fake.role in (roles or CALLS) and name in drivers()]
-    return pytest.mark.parametrize("unit", names, indirect=True)
+
+    def decorated(test: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(test)
+        def tried(unit: DriverOnFake, **others: Any) -> None:
+            try:
+                test(unit, **others)
+            finally:
+                for part in unit.parts:
+                    if error := getattr(part, "ended_by", None):
+                        raise AssertionError(f"the fake's own code failed: {type(part).__name__} ended by {error!r}") from error
+
+        return pytest.mark.parametrize("unit", names, indirect=True)(tried)
+
+    return decorated
 
 
 @pytest.fixture

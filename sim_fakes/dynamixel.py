@@ -18,6 +18,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from typing import Any, ClassVar
 
 from timing import RigClock
@@ -366,6 +367,12 @@ class DynamixelFake(DrumFake):
     def _answer(self, instruction: int, params: bytes, own: bool) -> None:
         """Do an instruction and answer it, if it came to the servo's `own` id; nothing is said to its secondary one."""
         level = self.motor.table[LEVEL] if own else -1
+        actions: dict[tuple[int, bytes], Callable[[], None]] = {
+            (Instruction.ACTION, b""): self._act,
+            (Instruction.REBOOT, b""): self.motor.restart,
+            (Instruction.CLEAR, CLEAR_TURNS): self.motor.forget_turns,
+            **{(Instruction.FACTORY_RESET, how): partial(self.motor.reset, kept) for how, kept in KEPT_BY_RESET.items()},
+        }
         if instruction == Instruction.PING and not params:
             if own:
                 self._status(0, bytes(self.motor.table[0:2]) + bytes([self.motor.table[FIRMWARE]]))
@@ -383,21 +390,10 @@ class DynamixelFake(DrumFake):
             self.motor.put(REGISTERED, self._registered is not None)
             if level >= ANSWER_ALL:
                 self._status(error)
-        elif instruction in (Instruction.ACTION, Instruction.REBOOT) and not params:
+        elif action := actions.get((instruction, params)):
             if level >= ANSWER_ALL:
                 self._status(0)
-            if instruction == Instruction.ACTION:
-                self._act()
-            else:
-                self.motor.restart()
-        elif instruction == Instruction.CLEAR and params == CLEAR_TURNS:
-            if level >= ANSWER_ALL:
-                self._status(0)
-            self.motor.forget_turns()
-        elif instruction == Instruction.FACTORY_RESET and params in KEPT_BY_RESET:
-            if level >= ANSWER_ALL:
-                self._status(0)
-            self.motor.reset(KEPT_BY_RESET[params])
+            action()
         elif level >= ANSWER_ALL:
             self._status(Refusal.INSTRUCTION)
 

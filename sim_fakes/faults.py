@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -131,10 +132,11 @@ class FaultSwitch:
             raise ValueError(f"{instrument}: one of {', '.join(self._parts)}")
         for part in parts:
             if isinstance(part, PtyFake):
-                part.drop_out(seconds)
+                part.unplug()
+                timing.Thread(target=_afterwards, args=(seconds, part.plug)).start()
             elif isinstance(part, MotiveFake):
                 part.faults.silent = True
-                timing.Thread(target=_heard_again, args=(part, seconds), name="fake-mocap-back").start()
+                timing.Thread(target=_afterwards, args=(seconds, partial(setattr, part.faults, "silent", False))).start()
             elif isinstance(part, UrFake) and part.process is not None:
                 part.process.backdoor("freeze", seconds=seconds)
                 part.process.backdoor("drop")
@@ -144,11 +146,10 @@ class FaultSwitch:
         while self._undo:
             self._undo.pop()()
         for part in self._parts.values():
+            if isinstance(part, PtyFake | MotiveFake):
+                part.faults = Faults()
             if isinstance(part, PtyFake):
-                part.faults = Faults()
                 part.plug()
-            elif isinstance(part, MotiveFake):
-                part.faults = Faults()
             elif isinstance(part, UrFake) and part.process is not None:
                 for request in CALM:
                     part.process.backdoor(**request)
@@ -211,9 +212,9 @@ class FaultSwitch:
         actions[fault]()
 
 
-def _heard_again(fake: MotiveFake, after: float) -> None:
-    timing.sleep(after)
-    fake.faults.silent = False
+def _afterwards(seconds: float, change: Callable[[], None]) -> None:
+    timing.sleep(seconds)
+    change()
 
 
 CALM: tuple[dict[str, Any], ...] = (

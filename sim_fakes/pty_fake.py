@@ -116,6 +116,10 @@ class Faults:
         return b"" if self.silent else self.garbage + answer
 
 
+KEPT: Mapping[str, type] = {"clock": RigClock, "faults": Faults, "random": random.Random}
+"""Attributes of `PtyFake` that a subclass may not use for something else."""
+
+
 class Device:
     """State and physics of one instrument, without any wire."""
 
@@ -138,6 +142,8 @@ class PtyFake(timing.Thread):
         self.clock = clock
         self.byte_time = 10 / baud / clock.speed
         self.faults = Faults()
+        self.ended_by: Exception | None = None
+        """The error in the fake's own code by which its thread ended."""
         self.random = random.Random(seed)
         self.buffer = b""
         self.heard = 0
@@ -157,6 +163,12 @@ class PtyFake(timing.Thread):
         """Path that a driver opens; there is nothing at it while the cable is out."""
         return self._cable.port
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse another thing under one of the names `KEPT`."""
+        if not isinstance(value, KEPT.get(name, object)):
+            raise TypeError(f"{type(self).__name__}.{name} = {value!r}: PtyFake has a {KEPT[name].__name__} there; rename yours")
+        super().__setattr__(name, value)
+
     # -- plug and power
     def plug(self) -> None:
         """Make the line, after `unplug` a new one behind the same path."""
@@ -169,16 +181,6 @@ class PtyFake(timing.Thread):
         with self.lock:
             self._cable.unplug()
             self.buffer = b""
-
-    def drop_out(self, seconds: float) -> None:
-        """Unplug for `seconds` of host time."""
-
-        def come_back() -> None:
-            timing.sleep(seconds)
-            self.plug()
-
-        self.unplug()
-        timing.Thread(target=come_back, name=f"fake-{self.name}-back", daemon=True).start()
 
     def reset(self, silence: float = 0.3) -> None:
         """Lose power for an instant; silent for `silence` s of host time."""
@@ -232,7 +234,8 @@ class PtyFake(timing.Thread):
         """Advance the device and answer what comes, until stopped; an error in the fake's own code pulls the cable out."""
         try:
             self._until_stopped()
-        except Exception:
+        except Exception as error:
+            self.ended_by = error
             self.unplug()
             raise
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import shtab
@@ -14,7 +14,7 @@ from model.arm import Arm
 from model.effects import CATALOGUE
 from model.robot import Robot
 
-from ..files.all_protocols import found_protocols, protocol_keys
+from ..files.all_protocols import found_protocols
 from ..files.campaign_file import CampaignFile
 from ..files.config import ConfigError
 from ..files.map_file import Map
@@ -71,44 +71,17 @@ def _or_text(field: dict[str, Any]) -> dict[str, Any]:
     return field
 
 
-FUNCTIONS = {
-    "bash": """
-_lab_protocol() { compgen -W "%s" -- "$1"; compgen -f -X '!*.py' -- "$1"; compgen -f -X '!*.yaml' -- "$1"; compgen -d -- "$1"; }
-_lab_set() { compgen -W "%s" -S = -- "$1"; }
-""",
-    "zsh": """
-_lab_protocol() { _alternative "protocols:protocol:(%s)" 'files:file:_files -g "*.(py|yaml)"' }
-_lab_set() { compadd -S = -- %s }
-""",
-}
-"""Completions for a protocol (a name or a file) and for a key of `--set`, by the argument's destination."""
-
-
 def completion(shell: str, top: argparse.ArgumentParser) -> Result:
-    """Print the script with which a shell completes the arguments of `top`, effects, protocols and keys included."""
-    protocols = found_protocols().usable
-    keys = {key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}
+    """Print the script with which a shell completes the arguments of `top`, files and effects included."""
     words = {"with_effects": list(CATALOGUE), "effect": [e.id for e in list_effects()]}
-    for action in arguments(top):
+    (verbs,) = (action for action in top._actions if isinstance(action, argparse._SubParsersAction))  # noqa: SLF001 - the only list
+    for action in (action for verb in verbs.choices.values() for action in verb._actions):  # noqa: SLF001
         if action.dest in words:
             action.choices = words[action.dest]
-        elif action.dest in ("protocol", "set"):
-            action.complete = {shell: f"_lab_{action.dest}"}  # type: ignore[attr-defined]
-        elif action.type is not None and getattr(action.type, "__name__", "") == "Path":
+        elif action.dest == "protocol" or (action.type is not None and getattr(action.type, "__name__", "") == "Path"):
             action.complete = shtab.DIRECTORY if action.dest == "folder" else shtab.FILE  # type: ignore[attr-defined]
-    functions = FUNCTIONS[shell] % (" ".join(protocols), " ".join(sorted(keys)))
-    sys.stdout.write(shtab.complete(top, shell, preamble=functions) + "\n")
+    sys.stdout.write(shtab.complete(top, shell) + "\n")
     return Result()
-
-
-def arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Every argument of a parser and of its verbs."""
-    for action in parser._actions:  # noqa: SLF001 - argparse has no other list of them
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            for inner in action.choices.values():
-                yield from arguments(inner)
-        else:
-            yield action
 
 
 VERBS = (
@@ -122,7 +95,7 @@ VERBS = (
     Verb(
         "completion",
         lambda a: completion(a.shell, a.parser()),
-        options=(option("shell", choices=tuple(FUNCTIONS)),),
+        options=(option("shell", choices=("bash", "zsh")),),
         examples=("lab completion bash > completions/lab", "lab completion zsh > completions/_lab"),
         page="docs/howto/command.md",
     ),

@@ -44,10 +44,12 @@ def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: Dr
 
 
 @units("pressure")
-def test_a_fake_without_a_line_that_can_be_disturbed_is_skipped_with_what_to_offer(unit: DriverOnFake) -> None:
+def test_a_fake_that_fails_is_told_and_one_without_a_line_to_disturb_is_skipped_with_what_to_offer(unit: DriverOnFake) -> None:
     damaged = driver_contract.test_it_does_not_open_on_a_line_whose_answers_are_all_damaged
     for test in (driver_contract.test_connect_is_enough_to_vent, damaged):
         raises(pytest.skip.Exception, r"`faults = Faults\(\)` .* `send`", test, replace(unit, parts=[]))
+    failed = type("OwnFake", (), {"ended_by": KeyError("bits")})()
+    raises(AssertionError, r"fake's own code failed: OwnFake ended by KeyError\('bits'\)", damaged, replace(unit, parts=[failed]))
 
 
 @units(*READ)

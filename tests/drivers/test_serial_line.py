@@ -70,9 +70,9 @@ def test_an_answer_comes_without_its_terminator_and_what_follows_stays(end: Othe
 def test_a_binary_frame_keeps_a_first_byte_that_looks_like_white_space(end: OtherEnd) -> None:
     with contextlib.closing(SerialLine("board", os.ttyname(end.slave), 19200, 0.1, padding=b"")) as line:
         line.open()
-        end.say(b"\n\0 10 bytes\x7e\n\0")
+        end.say(b"\n\0 10 bytes\x7e\n\2AB")
         assert line.read_until(b"\x7e") == b"\n\0 10 bytes"
-        assert line.read_exactly(2) == b"\n\0"
+        assert line.read_exactly(line.read_exactly(2)[1]) == b"AB"
 
 
 def test_asking_throws_stale_input_away_first(end: OtherEnd, line: SerialLine) -> None:

@@ -110,10 +110,13 @@ def test_a_port_that_is_plugged_in_again_has_the_same_path_and_another_pty_that_
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_an_error_in_a_fake_s_own_code_is_no_silence(echo: Echo) -> None:
-    echo.faults = set()  # type: ignore[assignment]  # hides that of the base class
+    with pytest.raises(TypeError, match="Echo.faults = 0: PtyFake has a Faults there"):
+        echo.faults = 0  # type: ignore[assignment]  # bits of its own
+    echo.feed = lambda: {}["none"]  # type: ignore[method-assign]
     with serial.Serial(echo.port, 115200, timeout=1) as port, pytest.raises(OSError):
         ask(port)
         serial.Serial(echo.port)
+    assert repr(echo.ended_by) == "KeyError('none')"
 
 
 def test_silence_is_counted_while_the_fake_is_awake(monkeypatch: pytest.MonkeyPatch) -> None:
