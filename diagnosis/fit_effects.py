@@ -48,7 +48,6 @@ from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
 from .inference.prepare import AREA, Prepared, prepare
-from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
 from .inference.thrust import settled_and_edited
 from .judgement import SIZE_SD_FACTOR, UNDETERMINED_SHARE
@@ -218,7 +217,7 @@ def fit_described(
     if residual:
         from .fit_residual import learn_residual  # with scipy.optimize, an eighth of the start, which only a residual needs
 
-        pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
+        pressure, length = campaign.vented_at_zero[main], campaign.spine_length[main]
         learnt, left_out = learn_residual(campaign.trial[main], pressure, length, missed)
         described = described.model_copy(update={"residual": learnt})
     names, covariance = described.joint_uncertainty()

@@ -14,6 +14,7 @@ from model.robot import Robot
 from recordings.trials import TIP, Table
 
 from ..arrays import Array, Ints, Mask, rows_by, scattered
+from .levels import vented_at_zero
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ class Campaign:
     """(n,) m."""
     pressure = cached_property[Array](lambda s: np.where(s.pushed[:, None], 0.0, s.trials.pressures))
     """(n, chambers) Pa gauge; 0 for pushes."""
+    vented_at_zero = cached_property[Array](lambda s: vented_at_zero(s.pressure, s.trial, s.pressure_gap))
+    """(n, chambers) Pa gauge, those of vented chambers 0."""
     highest = cached_property[Array](lambda s: s.pressure.max(axis=1))
     """(n,) Pa, pressure of the most inflated chamber."""
     branch = cached_property[Array](lambda s: np.where(s.trials.get("branch") == "unload", -1.0, 1.0))

@@ -20,6 +20,9 @@ REST = 2e3
 OF_RANGE, OF_SCATTER = 0.02, 3.0
 """Pressures are distinguished from this share of the highest on; never finer than this many times their scatter in a reading."""
 
+VENTED, VENTED_SHARE = 5e3, 0.025
+"""Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
+
 
 def levels(values: Array, gap: float) -> Ints:
     """Number of each value's level: sorted values further than `gap` apart belong to different levels.
@@ -60,6 +63,21 @@ def pressure_gap(trials: Table) -> float:
     spread = scatter[np.isfinite(scatter)]
     fine = max(OF_RANGE * float(pressures.max()), OF_SCATTER * float(np.median(spread)) if spread.size else 0.0)
     return min(PRESSURE_GAP, fine) if fine > 0 else PRESSURE_GAP
+
+
+def vented_at_zero(pressure: Array, trial: Ints, gap: float) -> Array:
+    """(n, chambers) Pa gauge, readings with those of vented chambers set to zero.
+
+    Vented are chambers that stay below `VENTED` throughout a trial, and all of a state whose highest is below `gap`, its
+    campaign's `pressure_gap`. A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's
+    own error, which would otherwise bend the model.
+    """
+    out = pressure.copy()
+    vented_below = min(VENTED, VENTED_SHARE * float(out.max(initial=0.0)))
+    for own in rows_by(trial):
+        out[own] = np.where(out[own].max(axis=0) < vented_below, 0.0, out[own])
+    out[out.max(axis=1) < gap] = 0.0
+    return out
 
 
 def step_gap(deflection: Array, trial: Ints) -> float:

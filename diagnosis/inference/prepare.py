@@ -31,7 +31,7 @@ from .discrepancy import settings, smooth_errors
 from .jacobian import Columns
 from .on_baseline import SHARE, Baseline, OnBaseline, on_baseline
 from .problem import FitForward, FitParameter, FitParameters, MaskedForward, Problem, derivatives
-from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials, with_vented_at_zero
+from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of the modulus' error."""
@@ -242,7 +242,7 @@ def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, Eff
 def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
     """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
     table = {name: states.trials[name] for name in states.trials.columns}
-    pressures = {f"p{i}": column for i, column in enumerate(with_vented_at_zero(states).T, 1)}
+    pressures = {f"p{i}": column for i, column in enumerate(states.vented_at_zero.T, 1)}
     return table | {"spine_length": states.spine_length} | pressures
 
 

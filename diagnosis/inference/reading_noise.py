@@ -30,8 +30,6 @@ from .problem import FitParameters
 
 KINDS = ("tip", "turn", "marker", "force")
 """By `Labels.kind`."""
-VENTED, VENTED_SHARE = 5e3, 0.025
-"""Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 LONGEST_BLOCK = 40
 """Largest number of states of a trial with correlated errors."""
 MOST_TELLING, MOST_REPEATS = 3000, 12
@@ -253,7 +251,7 @@ def _all_over(values: Ints) -> Ints:
 def by_readings(states: Campaign) -> Array:
     """(n, 2 r) causes of differences between tips of one condition, to second order: pressure of each of r regulators and its
     square, as shares of the highest."""
-    pressure = with_vented_at_zero(states)
+    pressure = states.vented_at_zero
     read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
     read = read / max(float(read.max()), 1.0)
     return np.hstack([read, read**2])
@@ -276,7 +274,7 @@ def pressure_response(forward: ForwardModel, states: Campaign, parameters: FitPa
     `slope` (n, k): derivatives of the values by the k `parameters`, each in its unit. Where one regulator alone is inflated,
     the offset of all pressures (Pa) moves what its reading moves, so its slope is taken; elsewhere a difference quotient.
     """
-    row, pressure = forward.observations.row, with_vented_at_zero(states)
+    row, pressure = forward.observations.row, states.vented_at_zero
     regulator_chambers = regulators(states.pressure, pressure)
     inflated = np.array([pressure[:, group].max(axis=1) > 0 for group in regulator_chambers]).T
     by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in parameters.names)
@@ -299,18 +297,3 @@ def regulators(read: Array, pressure: Array) -> list[Ints]:
     """
     groups = rows_by(np.unique(read.T, axis=0, return_inverse=True)[1].reshape(-1))
     return [chambers for chambers in groups if (pressure[:, chambers] > 0).any()] or [np.arange(pressure.shape[1])]
-
-
-def with_vented_at_zero(states: Campaign) -> Array:
-    """(n, chambers) Pa gauge, readings with those of vented chambers set to zero.
-
-    Vented are chambers that stay below `VENTED` throughout a trial, and all of a state whose highest is below its campaign's
-    `pressure_gap`. A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error,
-    which would otherwise bend the model.
-    """
-    out = states.pressure.copy()
-    vented_below = min(VENTED, VENTED_SHARE * float(out.max()))
-    for own in rows_by(states.trial):
-        out[own] = np.where(out[own].max(axis=0) < vented_below, 0.0, out[own])
-    out[out.max(axis=1) < states.pressure_gap] = 0.0
-    return out

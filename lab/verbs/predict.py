@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table as Sheet
 
+from diagnosis.data.levels import pressure_gap, vented_at_zero
 from diagnosis.data.plausible import LOWEST_USUAL
 from model.actuators import Words
 from model.arrays import Array
@@ -29,6 +30,7 @@ from protocols.planned import planned_rows
 from recordings.json_text import plain_numbers
 from recordings.numbers import whole_number
 from recordings.table_file import csv_text, read_numbers
+from recordings.trials import Table
 
 from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, demand_writable, load
@@ -111,7 +113,7 @@ def _result(
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
-    """Each state from rest if the table has no trials."""
+    """Each state from rest if the table has no trials, whose vented chambers are taken as 0, as fits and diagnoses take them."""
     number = np.arange(len(states["spine_length"]))
     if set(states) & set(ASKED) <= AT_REST:
         roll = np.radians(np.asarray(states.get("roll_deg", 0.0 * number), float))
@@ -119,6 +121,10 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
         pressures = _pressures(robot, states)
         with warnings.catch_warnings(action="ignore"):  # `_judge` names what is outside the robot's limits
             return Predictor(robot, catalogue)(pressures, states["spine_length"], mass, roll, intervals=True)
+    if "trial" in states:
+        read, table = _pressures(robot, states), Table(states)
+        taken = vented_at_zero(read, table.trial, pressure_gap(table))
+        states = {**states, **{f"p{c}": own for c, own in enumerate(taken.T, 1)}}
     return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
 
 
