@@ -143,7 +143,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(causes, decision=doubted(causes.decision, (*reasons, *unsettled), len(alone)))
-    too_far = partial(sentences.beyond_tolerance, prepared, causes.best.fit, edited.robot)
+    unknown = causes.decision.verdict == "unknown"
+    too_far = partial(sentences.beyond_tolerance, prepared, causes.best.fit, edited.robot, unknown=unknown)
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),

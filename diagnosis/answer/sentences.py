@@ -136,7 +136,8 @@ def _gap(d: Diagnosis) -> str:
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
     # beside a cause, for which the set-up may stand in, what is farther off, and not to be measured again
-    least, again = (judgement.BEYOND_SD, ": measure again") if d.fitted is None else (judgement.TENSE_SD, "")
+    stands_in = d.fitted is not None or d.attribute.verdict == "unknown"
+    least, again = (judgement.TENSE_SD, "") if stands_in else (judgement.BEYOND_SD, ": measure again")
     far = [] if d.calibration is None else [s for s in d.calibration.set_up if s.value > least * s.sd]
     each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in far[:MOST_NUMBERS]]
     each += [counted(len(far) - MOST_NUMBERS, "more number")] * (len(far) > MOST_NUMBERS)
@@ -267,10 +268,12 @@ MOST_NUMBERS = 6
 
 
 def beyond_tolerance(
-    p: Prepared, fit: Fit, robot: Robot, moved: Mapping[int, float], name: str = "the fit", instead: Iterable[Finding] = ()
-) -> Finding:
+    p: Prepared, fit: Fit, robot: Robot, moved: Mapping[int, float], name: str = "the fit", instead: Iterable[Finding] = (),
+    unknown: bool = False,
+) -> Finding:  # fmt: skip
     """The finding on `numbers_beyond`, and on those that the readings hardly tell apart at a fit: their variance inflation
-    factors in the least squares of all of them are above `HARDLY_APART`; `instead`: what else it may be."""
+    factors in the least squares of all of them are above `HARDLY_APART`; `instead`: what else it may be; `unknown`: the cause is
+    outside the catalogue, so that they may be its symptoms."""
     farthest = sorted(moved, key=lambda i: -abs(moved[i]) / p.problem.parameters.sd[i])[:MOST_NUMBERS]
     more = [counted(len(moved) - len(farthest), "more number")] * (len(moved) > len(farthest))
     moved = {i: value for i, value in moved.items() if i in farthest}
@@ -281,6 +284,8 @@ def beyond_tolerance(
     alike = [number.values["name"] for number, factor in zip(numbers, inflation, strict=True) if factor > judgement.HARDLY_APART]
     named = "these" if len(alike) == len(numbers) else " and ".join(filter(None, (", ".join(alike[:-1]), *alike[-1:])))
     together = [finding("known_together", names=named)] if alike else []
+    if unknown:
+        return finding("beyond_stands_in", fit=name, numbers=[*numbers, *more, *together, *instead])
     return finding("beyond_tolerance", fit=name, numbers=[*numbers, *more, *together, *instead])
 
 
