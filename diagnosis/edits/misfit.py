@@ -46,7 +46,7 @@ DIRECT = Fast(close=1e-9, follow=False)
 """Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps counts as unsolved."""
 LOADS, FOLLOWED = (0.2, 0.4, 0.6, 0.8, 1.0), 1e-3
 """Shares of all loads, from each to the next; least margin to buckling of a rod that has the usual one at the first."""
-OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")
+OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "spring_stiffness", "load")
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
 BATCH = 20_000
