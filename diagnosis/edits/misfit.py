@@ -46,7 +46,7 @@ DIRECT = Fast(close=1e-9, follow=False)
 """Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps counts as unsolved."""
 LOADS, FOLLOWED = (0.2, 0.4, 0.6, 0.8, 1.0), 1e-3
 """Shares of all loads, from each to the next; least margin to buckling of a rod that has the usual one at the first."""
-OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "spring_stiffness", "load")
+OF_LOAD = {"tip_force", "tip_moment", "dead_force", "dead_moment", "spring_stiffness", "load"}
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
 BATCH = 20_000
@@ -303,7 +303,7 @@ def standing(rods: Rods, steps: Ints, arcs: Array) -> tuple[Solution, Stations]:
     here: Solution | None = None
     left = np.flatnonzero(~found.converged)
     for share in LOADS if left.size else ():
-        carried = {name: share * rods.field(name)[left] for name in OF_LOAD}
+        carried = {name: share * rods.field(name)[left] for name in rods.form.fields().keys() & OF_LOAD}
         method = replace(DIRECT, steps=2 * steps[left], remember=True)
         method = method if here is None else replace(method, least_margin=FOLLOWED)
         here = solve(rods[left].changed(**carried), method, start=here)
