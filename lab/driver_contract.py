@@ -83,8 +83,7 @@ class DriverOnFake:
         """A driver of the same kind with another table in rig.yaml."""
         kind = drivers()[self.config.driver]
         config = kind.config.model_validate(self.config.model_dump() | changes)
-        more = (self.take, lambda text: None) if self.role in STREAMS else ()
-        return kind.make("it", config, self.clock, *more)
+        return kind.make("it", config, self.clock, *((self.take, lambda text: None) if self.role in STREAMS else ()))
 
     def take(self, sample: Any) -> None:
         """Keep a sample of a stream; its sink."""
@@ -698,9 +697,8 @@ def test_the_arm_stops_on_its_way(unit: DriverOnFake) -> None:
 def test_the_arm_refuses_what_is_beyond_its_limits(unit: DriverOnFake) -> None:
     with unit.state() as state:
         goal, config = ahead(unit, state, 0.01), unit.config
-        far = (config.workspace_max[0] + 0.1, *goal[1:])
         for pose, speed, acceleration in (
-            (far, config.max_speed, config.max_acceleration),
+            ((config.workspace_max[0] + 0.1, *goal[1:]), config.max_speed, config.max_acceleration),
             ((math.nan, *goal[1:]), config.max_speed, config.max_acceleration),
             (goal, 2 * config.max_speed, config.max_acceleration),
             (goal, config.max_speed, 2 * config.max_acceleration),

@@ -265,13 +265,13 @@ def copies(own: Campaign) -> Iterator[tuple[Ints, Ints]]:
 
 
 def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]]:
-    """Places (state, body) far from those in all states of other trials at the same pressures and loads, however reached, by
-    `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or less where the states before and after are not; those
-    out of reach; where repeats scatter, those of the state before at other pressures; and what to say of each; of two, both,
-    or the one `off_surface` of the others. None where more than `FEW` of all states are so: the readings are like that."""
+    """Places (state, body) far from those in all states of other trials at the same pressures and loads, if one of them was read
+    on the same branch or both are at rest, by `TIMES_SCATTER` times what is usual and by `STRAY` lengths (m), or less where the
+    states before and after are not; those out of reach; where repeats scatter, those of the state before at other pressures; and
+    what to say of each; of two, both, or the one `off_surface` of the others. None where more than `FEW` of all states are so."""
     pressures = (levels(of_one, own.pressure_gap) for of_one in own.trials.pressures.T)
     driven = np.abs(np.diff(own.trials.pressures, axis=0, prepend=np.nan)).max(axis=1) > CHANGED * np.ptp(own.trials.pressures)
-    setting = distinct(loads(own.trials), *pressures)
+    setting, way = distinct(loads(own.trials), *pressures), np.where(at_rest(own.trials.pressures), 0.0, own.branch)
     for body, place in enumerate((own.tip, *np.swapaxes(own.trials.markers, 0, 1))):
         reach = np.linalg.norm(place, axis=1)
         seen, lost = np.flatnonzero(reach <= FARTHEST * length), np.flatnonzero(reach > FARTHEST * length)
@@ -285,6 +285,7 @@ def strays(own: Campaign, length: float) -> Iterator[tuple[tuple[int, int], str]
                 others |= ~others.any(axis=1, keepdims=True) & (part[:, None] != rows)
                 apart = sum((along[part, None] - along[rows]) ** 2 for along in place.T)
                 nearest[part] = rows[np.where(others, apart, np.inf).argmin(axis=1)]
+                nearest[part[~(others & (way[part, None] == way[rows])).any(axis=1)]] = -1  # hysteresis sets branches apart
         off = np.where(nearest < 0, np.nan, np.linalg.norm(place - place[nearest], axis=1))
         usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
         far = np.flatnonzero(off > max(TIMES_SCATTER * usual, AGREED * length))

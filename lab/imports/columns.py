@@ -199,8 +199,7 @@ def _is_grouped(word: str) -> bool:
 
 def _in_thousands(marked: Sequence[str], plain: Sequence[str]) -> bool:
     """Whether all marks stand where those of thousands would, beside whole numbers below 1000 that need none."""
-    small = any(re.fullmatch(r"[-+]?\d{1,3}", w) for w in plain)
-    return bool(marked) and small and all(map(_is_grouped, marked))
+    return bool(marked) and any(re.fullmatch(r"[-+]?\d{1,3}", w) for w in plain) and all(map(_is_grouped, marked))
 
 
 def _of_thousands(word: str, mark: str) -> str:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from diagnosis.arrays import rows_by
 from diagnosis.data import case as measured
-from diagnosis.data.levels import MASS_GAP, REST, levels, pressure_gap
+from diagnosis.data.levels import MASS_GAP, OF_RANGE, REST, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
 from diagnosis.data.shift import shifted
 from diagnosis.errors import BadCase
@@ -214,7 +214,7 @@ def conclude(
     Per file: times made to follow those of the file before, rows cut into states and numbered in groups, one per trial. Then of
     all: orientation and place of the straight robot, numbers of trials, checks, stiffness. `notes` are added to."""
     straight = _straight_point(robot)
-    read_files, parts, rows = [], list[Table](), list[tuple[int, int]]()
+    read_files, parts, rows, places = [], list[Table](), list[tuple[int, int]](), list[str]()
     group, start, origin = 0, 0.0, 0.0  # first trial of a file; s: end of the file before, begin of the first with dates
     for number, (series, q, own_map) in enumerate(every):
         path = series.path
@@ -233,23 +233,24 @@ def conclude(
         numbers = range(len(own_cuts)) if trial_per_state else [int(trial[c.rows][0]) for c in own_cuts]
         q, torn = _without_strays(q, own_cuts, float(straight[2]), series, notes)
         whole = [(group + k, c) for k, c in zip(numbers, own_cuts, strict=True) if c not in torn]
-        seen = q.seen
-        kept = [(k, c) for k, c in whole if seen[c.rows].any()]
-        if len(kept) < len(whole) < len(q.t):  # states of one row each: `quantities_of` has named the rows
-            notes.append(f"{path.name}: {len(whole) - len(kept)} of {len(whole)} states have no tip or pressure and are left out")
-        if not kept:
+        seen, driven = q.seen, np.asarray(np.isfinite(q.table.pressures).all(axis=1))
+        count = sum(seen[c.rows].any() for _, c in whole)
+        if count < len(whole) < len(q.t):  # states of one row each: `quantities_of` has named the rows
+            notes.append(f"{path.name}: {len(whole) - count} of {len(whole)} states have no tip or pressure and are left out")
+        if not count:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q, robot.actuators.words)}")
+        kept = [(k, c) for k, c in whole if driven[c.rows].any()]
         parts.append(_states(q, kept))
         rows += [(number, c.rows.start) for _, c in kept]
+        places += [f"{path.name}, {series.place(int(q.row[c.rows.start]))}" for _, c in kept]
         group += max(numbers) + 1
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own_cuts)))
     states = Table.stacked(parts)
-    files = [(series.path.name, series.place, q.row) for series, q, _ in every]
-    places = [f"{name}, {place(int(row_of[row]))}" for (name, place, row_of), row in ((files[file], row) for file, row in rows)]
     gone, said = unusable(states, robot, places.__getitem__, written_twice=True)
     notes += said
     states, kept_states = without([(state, 0) for state in gone], states)
+    states, kept_states[kept_states] = _with_branches(states).take(states.with_tip), states.with_tip
     rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
     found = list(jumps(states, float(straight[2]), robot.actuators.words))
     notes += _jump_notes(found, places)
@@ -299,12 +300,9 @@ def conclude(
         questions += _ambient(table, wanted, robot.actuators.words)
     across = float(np.linalg.norm(np.linalg.svd(states.tip, compute_uv=False)[1:])) / np.sqrt(len(states.tip))
     if across < LEAST_ACROSS * robot.length:
-        questions.append(
-            robot.actuators.words.fill(
-                f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine "
-                "the frame's turn about this line; add some in which one {actuator} is {inflated}"
-            )
-        )
+        line = f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine "
+        remedy = "the frame's turn about this line; add some in which one {actuator} is {inflated}"
+        questions.append(robot.actuators.words.fill(line + remedy))
     asked = tuple(q for q in questions if q not in wanted.confirmed)
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked, tuple(places))
 
@@ -322,8 +320,7 @@ def _unused_loads(series: Series, wanted: Map) -> Iterator[str]:
 
 
 def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:
-    """Ask whether the pressure that all chambers read at rest is the room's, else whether what one reads is its gauge's zero, and
-    what `zero` then is."""
+    """Ask, with the `zero` to write, whether all chambers read the room's pressure at rest, or some their gauge's zero."""
     column, unit, below = wanted.columns.get("p1"), states.mapped.unit if states.mapped else None, wanted.trials.below
     resting = states.pressures[at_rest(states.pressures)]
     if column is None or column.zero == "first" or not len(resting) or np.ptp(states.pressures) <= below:
@@ -482,12 +479,14 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
     import pandas as pd
 
     n, cut_rows, q_seen = len(kept), [np.arange(cut.rows.start, cut.rows.stop) for _, cut in kept], q.seen
-    seen = [of_cut[q_seen[of_cut]] for of_cut in cut_rows]  # rows of each cut with tip and pressures
+    driven_rows = np.asarray(np.isfinite(q.table.pressures).all(axis=1))
+    # rows of each cut with tip and pressures, or with pressures alone
+    seen = [of_cut[(q_seen if q_seen[of_cut].any() else driven_rows)[of_cut]] for of_cut in cut_rows]
     turn, turned = _turns(q.table)
     driven, markers = pressure_columns(q.table.pressures.shape[1]), marker_columns(q.table.markers.shape[1])
     every, words = pd.DataFrame({**q.table.values}), [name for name in q.table.values if name in TEXTS]
     every[words] = every[words].where(every[words] != "")
-    for axes in map(list, markers):  # a marker that lacks an axis was not seen
+    for axes in map(list, (TIP, *markers)):  # what lacks an axis was not seen
         every.loc[every[axes].isna().any(axis=1), axes] = np.nan
     of_cuts, of_seen = (
         every.take(np.concatenate(own)).groupby(np.repeat(np.arange(n), [*map(len, own)])) for own in (cut_rows, seen)
@@ -535,15 +534,26 @@ def _unmapped(rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, Fil
     }  # fmt: skip
 
 
+def _with_branches(states: Table) -> Table:
+    """States with the branch of each that states none: whether its trial's highest pressure, also without a tip, fell last."""
+    highest, branch = states.pressures.max(axis=1), states.get("branch").astype(object)
+    for of_trial in rows_by(states.trial):
+        level, falls, gap = 0.0, False, max(pressure_gap(states), OF_RANGE * float(highest[of_trial].max()))
+        for state in of_trial.tolist():
+            if abs(highest[state] - level) > gap:
+                level, falls = highest[state], highest[state] < level
+            branch[state] = branch[state] or ("unload" if falls else "load")
+    return states.replaced({"branch": branch.astype(np.str_)})
+
+
 def _numbered(
     states: Table, counted: Mapping[str, Name], notes: list[str], unmapped: Callable[[], Mapping[str, NDArray[np.str_]]]
 ) -> Table:
-    """Number trials, steps and repeats (of the same inflation), unless a column of `counted` does, and name branches."""
+    """Number trials, steps and repeats (of the same inflation), unless a column of `counted` does."""
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
-    step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
+    step, repeat = np.zeros(len(states), np.int64), states.get("repeat").copy()
     repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
-    again, highest = [], states.pressures.max(axis=1)
-    of_trials = rows_by(trial)
+    again, of_trials = [], rows_by(trial)
     first = np.array([rows[0] for rows in of_trials])
     inflated = [levels(chamber, gap) for chamber in np.maximum.reduceat(states.pressures, first, axis=0).T]
     kinds = np.column_stack([*inflated, loads(states.take(first))]).tolist()  # those that repeat each other are of one
@@ -555,11 +565,6 @@ def _numbered(
         earlier.append((k + 1, usual))
         step[of_trial] = 1 + np.arange(len(of_trial))
         repeat[of_trial] = np.where((repeat[of_trial] != 0) & ("trial" in counted), repeat[of_trial], usual)
-        level, falls = 0.0, False  # whether the highest pressure fell last, as each state came
-        for state in of_trial.tolist():
-            if abs(highest[state] - level) > gap:
-                level, falls = highest[state], highest[state] < level
-            branch[state] = branch[state] or ("unload" if falls else "load")
     if again and "repeat" in counted:
         pairs = [(of_trials[a - 1], of_trials[b - 1]) for a, b, _ in again]
         differing = [name for name, cells in unmapped().items() if _sets_apart(cells, pairs)]
@@ -570,12 +575,11 @@ def _numbered(
             f"trials {again[0][0]} and {again[0][1]} inflate the same chambers as far, and column "
             f"{counted['repeat']!r} says that both are repeat {again[0][2]}: {remedy}"
         )
-    return states.replaced({"trial": trial + 1, "step": step, "repeat": repeat, "branch": branch.astype(np.str_)})
+    return states.replaced({"trial": trial + 1, "step": step, "repeat": repeat})
 
 
 def _sets_apart(cells: NDArray[np.str_], pairs: Sequence[tuple[Ints, Ints]]) -> bool:
-    """Whether a column is a setting that differs between most of some pairs of trials (states of each): one word in each trial,
-    which comes again in others."""
+    """Whether a column has one word a trial, which comes again in others, and differs between most pairs of trials (states)."""
     words = [({*cells[a].tolist()}, {*cells[b].tolist()}) for a, b in pairs]
     apart = sum(len(a) == len(b) == 1 and a != b for a, b in words)
     return 2 * apart > len(pairs) and len(set().union(*(a | b for a, b in words))) <= max(2, len(pairs))

@@ -174,8 +174,7 @@ class Stages:
         return int(self.begin[after]) if settling else row
 
     def around(self, of: Sequence[Change]) -> tuple[Ints, Ints]:
-        """Of each change the stage before the first row that may be of the new value, and the one that holds or follows the first
-        that is."""
+        """Of each change the stage before the first row that may hold the new value, and that of the first which surely does."""
         first, row = np.array([(c.first, c.row) for c in of], np.int64).reshape(-1, 2).T
         before = np.searchsorted(self.start, first - 1, side="right") - 1
         return np.maximum(before, 0), np.searchsorted(self.stop, row, side="right")

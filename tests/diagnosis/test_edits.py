@@ -288,11 +288,6 @@ def with_pressures(table: Table, pressures: Any) -> Table:
     return table.replaced(columns(pressure_columns(pressures.shape[1]), pressures))
 
 
-def moved_at(table: Table, trial: int) -> Table:
-    late = table.trial >= trial
-    return table.replaced({axis: table[axis] + d * late for axis, d in zip("xyz", (3e-3, 2e-3, -1.7e-3), strict=True)})
-
-
 def placed(table: Table, change: Any) -> Table:
     return table.replaced(columns(TIP, change(table.tip)))
 
@@ -313,6 +308,7 @@ def longer(robot: Robot) -> Robot:
     return robot_from_dict({**robot.model_dump(), "length": 1.055 * robot.length})
 
 
+SLIP = (3e-3, 2e-3, -1.7e-3)
 MISTAKES: dict[str, tuple[Any, tuple[str, ...]]] = {
     "gravity reversed": (lambda r: (r.model_copy(update={"gravity": tuple(-g for g in r.gravity)}), read(r)), ("gravity [",)),
     "absolute pressures": (lambda r: (r, with_pressures(read(r), read(r).pressures + 101_325.0)), ("are absolute",)),
@@ -326,7 +322,8 @@ MISTAKES: dict[str, tuple[Any, tuple[str, ...]]] = {
     "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
     "one dead": (lambda r: (r, read(r, acted({1: 0.0}))), (" 2 gets no ",)),
     "one column of pressures in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
-    "cameras moved": (lambda r: (r, moved_at(read(r, repeats=3), 8)), ("frame moved by 4.0 mm at trial 8",)),
+    "cameras moved": (lambda r: (r, placed(t := read(r, repeats=3), lambda tip: tip + np.outer(t.trial >= 8, SLIP))),
+                      ("frame moved by 4.0 mm at trial 8",)),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
     "marker elsewhere": (lambda r: (marked(r, 0.4, 0.62), read(marked(r, 0.4, 0.7))), ("marker 2 is at arc", "`markers: [")),
     "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("all positions hold cm read as m (p", "x 0.01)")),

@@ -174,8 +174,7 @@ def test_each_instrument_that_is_missing_is_explained_once(
 
 def test_fakes_do_not_take_the_rig_file_of_others_that_live(virtual_lab: VirtualLab, cli: Cli) -> None:
     before = virtual_lab.rig.read_bytes()
-    text = cli("fakes", "--rig", virtual_lab.rig, code=2).err
-    assert f"the fakes of process {os.getpid()} serve it" in text
+    assert f"the fakes of process {os.getpid()} serve it" in cli("fakes", "--rig", virtual_lab.rig, code=2).err
     assert virtual_lab.rig.read_bytes() == before
 
 

@@ -252,8 +252,7 @@ def test_each_stop_rule_says_why(tmp_path: Path) -> None:
     plan, done = campaign(tmp_path).runs[0].job.plan, CampaignProgress("c", "d", {})
     assert Stops(Stop(), 9).before(plan, done) == Stops(Stop(), 9).after(done) == ""
     done.seconds, done.lost = 100.0, 7
-    long = Stops(Stop(max_duration=100.0 + plan.seconds - 1.0), 9)
-    assert "max_duration" in long.before(plan, done)
+    assert "max_duration" in Stops(Stop(max_duration=100.0 + plan.seconds - 1.0), 9).before(plan, done)
     assert Stops(Stop(max_duration=100.0 + plan.seconds), 9).before(plan, done) == ""
     worn = Stops(Stop(max_cycles=3), 9)
     worn.count(plan, 2)

@@ -126,8 +126,7 @@ def test_an_itv_of_another_range_is_caught_before_5_kpa_are_passed(
 
 @pytest.mark.long
 def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(start: Start, cli: Cli) -> None:
-    old = FakeRegulators(firmware="5v12.0-R22", unit="psi", full_scale=413.7e3)
-    fakes, rig = start(old)
+    fakes, rig = start(FakeRegulators(firmware="5v12.0-R22", unit="psi", full_scale=413.7e3))
     checked(rig, cli)
     assert place(rig).exists()
     rig.write_text(rig.read_text().replace("unit: psi", "unit: kPa"))

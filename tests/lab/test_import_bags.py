@@ -161,14 +161,12 @@ def bodies(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
     return [{"transforms": told[:: 1 if i % 3 else -1]}]
 
 
-def named_parts(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
-    order = 1 if i // 300 % 2 else -1
-    return [{"name": ["a", "b", "c"][::order], "position": p[::order]}]
-
-
 NAMED: dict[str, tuple[Told, Told, dict[str, str]]] = {
     "bodies in any order": (bodies, PRESSURE[1], {"/tip.": "/tip.transforms.T.at."}),
-    "values in the order of their names": (TIP[1], named_parts, {f"p.{k}": f"position.{n}" for k, n in enumerate("abc", 1)}),
+    "values in the order of their names": (
+        TIP[1], lambda i, tip, p: [{"name": [*"abc"][:: (o := 2 * (i // 300 % 2) - 1)], "position": p[::o]}],
+        {f"p.{k}": f"position.{n}" for k, n in enumerate("abc", 1)},
+    ),
     "a message for each body": (
         lambda i, tip, p: [{"id": n, "at": at} for n, at in (("T", tip), ("B", SOMETHING))], PRESSURE[1], {"/tip.": "/tip.T.at."},
     ),

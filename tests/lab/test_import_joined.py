@@ -129,8 +129,7 @@ def test_files_with_dates_belong_together_that_have_time_in_common_and_others_ar
     files = [table(tmp_path / f"take{k}.csv", TIPS, head, part, day) for k, part in ((1, first), (2, second))]
     for name, by in (("day", 0), ("next", 86400)):
         files.append(table(tmp_path / f"{name}.csv", (1, 2, 3), ("Clock", *PRESSURES[1:]), moved(ROWS, by), day))
-    columns = MAP["columns"] | {"t": {"column": "Date"}}
-    made = by_map(files, **MAP | {"columns": columns})
+    made = by_map(files, **MAP | {"columns": MAP["columns"] | {"t": {"column": "Date"}}})
     assert [s.path.name for s, _, _ in made.files] == ["take1.csv", "take2.csv"] and len(made.table) == PLATEAUS + 1
     assert made.table["p3"].max() == pytest.approx(HELD[:, 3].max() * 1e3, abs=300)
     assert [n for n in made.notes if "next.csv is not read: it does not overlap in time with 'take1.csv', 'take2.csv'" in n]

@@ -213,6 +213,16 @@ def test_one_place_off_the_path_of_all_repeats_is_left_out_and_what_lasts_recurs
     assert len(list(strays(own, 0.3))) == found
 
 
+@pytest.mark.parametrize(("error", "found"), [(0.0, 0), (0.02, 1)])
+def test_hysteresis_makes_no_state_a_stray_whose_own_branch_is_not_repeated(error: float, found: int) -> None:
+    pressures, at = np.tile([0.0, 60e3, 80e3, 100e3, 120e3, 100e3, 80e3, 60e3], 9), np.arange(72)
+    unload = at % 8 > 4
+    x = 1e-6 * pressures + 0.03 * unload + np.random.default_rng(0).normal(0.0, 2e-4, 72) - error * (at == 9)
+    columns = {"trial": at // 8, "branch": np.where(unload, "unload", "load"), "p1": pressures, "x": x}
+    table = Table({"y": 0.0 * x, "z": 0.3 + 0.0 * x, "spine_length": 0.0 * x, **columns}).take((at % 8 != 5) | (at == 5))
+    assert len([*strays(campaign_of(table, np.arange(len(table)), np.arange(0)), 0.3)]) == found
+
+
 @pytest.mark.parametrize(
     ("wrong", "repeats", "found"),
     [

@@ -114,6 +114,13 @@ def test_the_rest_before_a_rise_belongs_to_it_and_that_after_a_descent_to_the_de
     assert all(max(r.pressures) < 100 for r in starts)
 
 
+def test_a_peak_without_a_tip_ends_the_load_branch(tmp_path: Path) -> None:
+    head, *rows = table((0, 150, 350, 600, 350, 150, 0), lambda *_: (), ()).splitlines()
+    lost = [";".join([*row.split(";")[:4], *([""] * 3 if k % 7 == 3 else row.split(";")[4:])]) for k, row in enumerate(rows)]
+    made = by_map(tmp_path, "\n".join([head, *lost]), trials={"begin": "rest"})
+    assert made.table["branch"].tolist() == [*["load"] * 3, *["unload"] * 3] * 8
+
+
 def test_a_rest_over_time_is_one_state_of_the_trial_that_rises_unless_a_column_parts_it(tmp_path: Path) -> None:
     states = {"plateaus": {"steady": "2 kPa"}}
     content = table(TWO_RESTS, lambda s, r, g, i, k: (named(g),), ("Kammern",), each=40)
@@ -124,8 +131,7 @@ def test_a_rest_over_time_is_one_state_of_the_trial_that_rises_unless_a_column_p
 
 
 def test_a_column_that_changes_while_the_pressure_settles_parts_no_level(tmp_path: Path) -> None:
-    late = lambda s, r, g, i, k: (str(max(k - 44, 0) // 200),)  # noqa: E731
-    content = table(TWO_RESTS, late, ("Lauf",), each=40)
+    content = table(TWO_RESTS, lambda s, r, g, i, k: (str(max(k - 44, 0) // 200),), ("Lauf",), each=40)
     made = by_map(tmp_path, content, trials={"begin": "rest", "change": ["Lauf"]}, states={"plateaus": {"steady": "2 kPa"}})
     assert lengths(made) == [5, *[4] * 7] and not made.notes
 

@@ -223,8 +223,7 @@ def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
         ("go on", "terminal", "", False), ("go on", "terminal", "", True),
     ]  # fmt: skip
     recording = Recording.open(file)
-    rows = table_of(recording)
-    assert [(r.trial, r.step) for r in rows] == [(t, s) for t in (1, 2) for s in range(1, 6)]
+    assert [(r.trial, r.step) for r in table_of(recording)] == [(t, s) for t in (1, 2) for s in range(1, 6)]
     # Down from the highest again: the state after the pause, at 60 kPa, was come to from 90 kPa (as far as was sampled).
     pause, after = recording.requests[1], next(s for s in recording.states if s.t > recording.requests[-1].t)
     pressure = recording.stream("/pressure")

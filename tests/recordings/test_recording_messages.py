@@ -121,8 +121,7 @@ def test_a_file_s_schema_gives_the_message_back() -> None:
 
 
 def test_its_samples_are_numbers_by_name() -> None:
-    samples = SKIN.decode(SKIN.encode(1.5, (296.4, 0.38)))
-    assert samples[0].tolist() == (1.5, 296.4, 0.38)
+    assert SKIN.decode(SKIN.encode(1.5, (296.4, 0.38)))[0].tolist() == (1.5, 296.4, 0.38)
     assert streams(sensors=[SKIN])["/sensor/skin"] is SKIN and is_stream("/sensor/skin") and not is_stream("/log")
 
 

@@ -147,13 +147,6 @@ def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot) -> None:
     assert less[0] - full[0] == pytest.approx(leaking[0], rel=0.01)
 
 
-def bent_by(robot: Robot, pressure: Array) -> tuple[Array, float]:
-    """Push of each chamber, N, at pressures times the area factor, and the angle M L / EI by which they bend the body, rad."""
-    push, azimuth = pressure * robot.chambers.area, np.deg2rad(robot.chambers.azimuths_deg)
-    moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
-    return push, float(np.hypot(*moment)) / (robot.youngs_modulus * body_of(robot).mean_second) * robot.length
-
-
 @pytest.mark.parametrize(
     ("borne", "growth", "softening"), [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, -0.5, 0.0), (0.0, 0.0, 20.0), (0.0, 0.0, -2.0)],
     ids=["stretches", "stretches nothing", "grows along the arc", "stiffens", "softens"],
@@ -169,7 +162,9 @@ def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc_or_as_it_gr
     tips = moved.by(**walls, hyperelastic__curvature=softening) + moved.still
     s = (np.arange(400) + 0.5) / 400
     for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
-        push, bend = bent_by(robot, pressure * moved.forward.area_factor[0])
+        push, azimuth = pressure * moved.forward.area_factor[0] * robot.chambers.area, np.deg2rad(robot.chambers.azimuths_deg)
+        moment = robot.chambers.path_radius * np.hypot((push * np.sin(azimuth)).sum(), (push * np.cos(azimuth)).sum())
+        bend = moment / (robot.youngs_modulus * body_of(robot).mean_second) * robot.length
         long = robot.length * (1 + (1 - borne) * push.sum() / (robot.youngs_modulus * body_of(robot).mean_area))
         x, d = softening * (bend * robot.outer_radius / robot.length) ** 2, 1.0
         for _ in range(100):
