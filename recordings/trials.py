@@ -257,7 +257,8 @@ class Mapped:
     which points were moved to the model (`straight`), whether keys of lab.case state it (else map.yaml), column of the table and
     its heading in the file, of those that are known, the unit of p1 .., empty where nothing says it, so that it is Pa, and the
     turn (w, x, y, z) of the tracked body in its mount, along the base's axes, and the place of the base in the file's axes (m),
-    which was subtracted from x, y, z; None of files with several of them."""
+    which was subtracted from x, y, z; None of files with several of them. Then the tracked point from the end of the straight
+    body (m), by which x, y, z were moved back along the body's axes."""
 
     frame: tuple[Axis, ...] = ("x", "y", "z")
     straight: str = "as recorded"
@@ -266,6 +267,7 @@ class Mapped:
     unit: str | None = None
     mount: tuple[float, ...] | None = NO_MOUNT
     base: tuple[float, ...] | None = None
+    sensor: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     @property
     def axes(self) -> NDArray[np.float64]:

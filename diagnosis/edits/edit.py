@@ -10,7 +10,7 @@ import numpy as np
 
 from model.robot import Marker, Robot
 from model.rotation import CONJUGATE, from_vector, multiply, to_base
-from recordings.trials import NO_MOUNT, ORIENTATION, TIP, Table, marker_columns, pressure_columns
+from recordings.trials import NO_MOUNT, ORIENTATION, TIP, Mapped, Table, marker_columns, pressure_columns
 
 from ..arrays import Array, Ints
 from ..data.campaign import tip_masses, tip_moments
@@ -88,6 +88,12 @@ class Variants:
     def moved(self, shift: Array) -> Variants:
         """Places moved by (v, n or 1, 3) m."""
         return replace(self, tip=self.tip + shift, markers=self.markers + shift[:, :, None])
+
+    def levered(self, sign: float) -> Variants:
+        """The tip moved by +-1 times the map's `sensor`, which turns with it: 1 leads to the tracked point."""
+        sensor = np.array(Mapped.sensor if self.table.mapped is None else self.table.mapped.sensor)
+        turn = np.where(np.isfinite(self.orientation), self.orientation, NO_MOUNT)
+        return replace(self, tip=self.tip + sign * to_base(turn, sensor)) if sensor.any() else self
 
     def turned(self, turn: Array, sign: Array | None = None) -> Variants:
         """Places, orientations and forces turned by quaternions (v, 4), then mirrored by the signs (3,) of three axes."""
@@ -210,6 +216,10 @@ class Edit:
     """Whether the diagnosis names it, so that nothing is changed."""
     of_this_campaign: bool = False
     """Whether another campaign on the robot is without it."""
+
+    def made(self, v: Variants, own: Array) -> Variants:
+        """Variants without the mistake: `apply` acts on the points of the file, before its `sensor` moved them back."""
+        return self.apply(v.levered(1.0), own).levered(-1.0)
 
     def findings(self, robot: Robot, theta: Array, own: Array, p: float = 0.0, rather: str = "") -> list[Finding]:
         """State it, with its probability and, at the end, what else it may be (text); empty where nothing is changed."""

@@ -181,6 +181,7 @@ def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> li
 # ------------------------------------------------------------------ the cameras' frame
 def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     seen, robot, mapped = sample.table.tip, sample.robot, sample.table.mapped
+    tracked = sample.described.levered(1.0).tip[0]
     # from the robot as described, too: far off, a fit within usual bounds bends the rod to where the places are
     stated = sample.fitted([((), np.zeros_like(near.x))], 0)[0]
     starts = [fit.theta[ORIGIN] - np.median(fit.missed[: len(seen)], axis=0) / robot.length for fit in (near, stated)]
@@ -201,7 +202,7 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.framed(from_vector(-own)), (start,), bounds)
     for unit, wrong in permutations(METRES, 2):
         factor = METRES[unit] / METRES[wrong]
-        if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
+        if 0.5 < factor * np.median(np.linalg.norm(tracked, axis=1)) / robot.length < 1.6:
             remedy = remedies.of_columns(list("xyz"), unit.replace("inches", "in"), mapped)
             remedy += ", and for its points" if sample.described.markers.size else ""
             says = stating("places_in_unit", "unit of the positions", unit=unit, wrong=wrong, factor=factor, remedy=remedy)

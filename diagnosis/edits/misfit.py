@@ -166,7 +166,7 @@ class Sample:
             x = np.concatenate(parameters)
             one, at, own = made.take(slice(at, at + len(x))), at + len(x), len(CALIBRATION)
             for edit in every[0]:
-                one, own = edit.apply(one, x[:, own : own + len(edit.bounds)]), own + len(edit.bounds)
+                one, own = edit.made(one, x[:, own : own + len(edit.bounds)]), own + len(edit.bounds)
             out.append(one)
         return Variants.stacked(out)
 

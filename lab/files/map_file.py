@@ -308,7 +308,7 @@ class Map(FileTable):
         headings = tuple((name, str(column.column)) for name, column in self.columns.items())
         stated = {f"columns.{name}": KINDS["m"].get(column.unit, np.nan) for name, column in self.columns.items()}
         known = None if self.files or np.isnan(base := self.base(stated)).any() else tuple(base.tolist())
-        return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount, known)
+        return Mapped(self.frame.axes, self.straight, call, headings, unit, None if others else mount, known, self.sensor)
 
     def base(self, units: Mapping[str, float]) -> Array:
         """(3,) m in the recorded axes: the place of the base that `columns`, in these units (m), subtract as a number."""

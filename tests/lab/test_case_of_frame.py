@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from commands import refused
 from foreign import ROBOT, by_map
+from scipy.spatial.transform import Rotation
 
 import lab
 from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
@@ -291,6 +292,15 @@ def test_a_column_whose_unit_puts_the_tip_out_of_reach_is_named_where_it_is_refu
         frame["x"] *= factor
         with pytest.raises(ConfigError, match=f"of {12 * groups} states\\): column x holds mm read as {wrong} .* write columns="):
             lab.case(frame, FINGER, **AT_REST, **BY_REST)
+
+
+def test_a_unit_of_points_that_a_sensor_moved_back_is_named_as_the_file_holds_it() -> None:
+    pressures = 2e4 * np.array([k * np.array(group) for group in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)) for k in range(4)])
+    found = lab.load_robot(FINGER).predict(pressures)
+    points = found.tip + Rotation.from_quat(found.orientation, scalar_first=True).apply([0.0, 0.0, 0.03])
+    columns = np.hstack([pressures, 0.1 * points, found.orientation])
+    frame = pd.DataFrame(columns, columns=["p1", "p2", "p3", *"xyz", "qw", "qx", "qy", "qz"])
+    refused("hold cm read as mm", lab.case, frame, FINGER, sensor=[0.0, 0.0, 0.03], **BY_REST)
 
 
 def test_an_axis_that_any_unit_fits_is_not_said_to_be_in_another() -> None:
