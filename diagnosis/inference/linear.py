@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from ..arrays import Array, Mask
-from .arrow import Factors, cholesky
+from .arrow import cholesky
 from .jacobian import Columns
 
 
@@ -61,16 +61,6 @@ class Linear:
         """Size of the discrepancy, the leakage of a model-form error of size `form_error` included."""
         return float(np.hypot(size, form_error * self.leakage))
 
-    @cached_property
-    def _of_nuisance(self) -> Factors:
-        """Factors of 1 + N^T N."""
-        nuisance = self.nuisance
-        return nuisance.normal(np.zeros((len(self.observed), 0))).plus(np.ones(nuisance.shape[1])).factorised()
-
-    def taken_up(self, columns: Array) -> Array:
-        """(q, ..) the most probable nuisances where columns (n, ..) are all that is read."""
-        return self._of_nuisance.solve(self.nuisance.against(columns))
-
     def reductions(self, sizes: Array, form_errors: Array) -> Reduced:
         """The problems (s, f) in theta alone, for each size g (s,) of the discrepancy and f (f,) of the model-form error.
 
@@ -106,7 +96,7 @@ class Linear:
         smooth = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
         error_gram = np.block([[smooth, across.T], [across, self.form_error.T @ self.form_error]])
         along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (*x, *errors)])
-        nuisance = self._of_nuisance
+        nuisance = self.nuisance.normal(np.zeros((len(self.observed), 0))).plus(np.ones(len(along_nuisance))).factorised()
         taken = nuisance.quadratic(along_nuisance)
         x_gram, errors_by_x = (np.block([[left.T @ right for right in x] for left in of]) for of in (x, errors))
         return x_gram - taken[:c, :c], errors_by_x - taken[c:, :c], error_gram - taken[c:, c:], nuisance.half_log_det

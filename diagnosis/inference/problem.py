@@ -294,13 +294,12 @@ class Problem:
 
     def with_form_error(self, linear: Linear, theta: Array, wrong: FormError, tolerated: Array | None = None) -> Linear:
         """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what an
-        effect does at theta beyond calibration: what looks like that is no better fitted by a law that is wrong. No law of
-        material or contact is exact, whether its effect is named or (to first order) tolerated. `tolerated` (n, f): columns of
-        what is, for those that share them."""
+        effect does at theta. No law of material or contact is exact, whether its effect is named or (to first order) tolerated.
+        `tolerated` (n, f): columns of what is, for those that share them."""
         columns, leakage = [np.zeros((len(linear.observed), 0))], 0.0
         unit = np.maximum(self.smooth.unit, 1e-300)
         for effect, response in wrong.responses.items():
-            done = self.parameters.law_error[effect] * self._beyond(linear, self.noise.whiten(response))
+            done = self.parameters.law_error[effect] * response
             columns.append(self.form_error_of(done))
             leakage = float(np.hypot(leakage, LEAKAGE * np.sqrt(np.mean((done / unit) ** 2))))
         known = tolerated if wrong.shared else None
@@ -314,12 +313,7 @@ class Problem:
         share = np.array([p.law_error[e] for e in p.ids])
         white = linear.effects @ ((theta[p.of_effect] / p.scale)[:, None] * p.members * share)[:, tolerated]
         # Any rotation of the effects' contributions has the same joint errors.
-        left = self._beyond(linear, leading(white))
-        return leading(np.hstack([np.zeros((len(white), 0)), *map(self.form_error_of, left.T)]))
-
-    def _beyond(self, linear: Linear, white: Array) -> Array:
-        """Whitened columns (n, ..), coloured, less what calibration and set-up take up in the linear problem."""
-        return self.noise.colour(white - linear.nuisance.along(linear.taken_up(white)))
+        return leading(np.hstack([np.zeros((len(white), 0)), *map(self.form_error_of, self.noise.colour(leading(white)).T)]))
 
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:
         """Contribution of an effect to the values (n,): `predicted` at parameters (k,) less the prediction without it; NaN where

@@ -94,7 +94,7 @@ def test_nothing_is_named_where_nothing_was_repeated(catalogue: Catalogue) -> No
     assert any("no cause is named" in c for c in d.concerns) and d.attribute.conclusion == "too little data"
 
 
-def test_no_law_is_taxed_for_an_error_that_the_set_up_would_take_up() -> None:
+def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> None:
     turned = measured(3, 5, frame_misalignment__x=0.009, frame_misalignment__z=0.006)
     turned = replace(turned, robot=turned.robot.model_copy(update={"uncertainty": Uncertainty(frame_shift=0.5e-3)}))
     spec, rivals = CATALOGUE["frame_misalignment"], SOME | {e: CATALOGUE[e] for e in ("body_modulus", "area_moment")}
@@ -102,7 +102,7 @@ def test_no_law_is_taxed_for_an_error_that_the_set_up_would_take_up() -> None:
         diagnose(turned, quick({**rivals, spec.id: replace(spec, exact=exact)})).attribute.effects for exact in (True, False)
     ]
     # Else the tolerance of the cameras, which has no law error, takes the turn up at six of its standard deviations.
-    assert verdicts == [(spec.id,), (spec.id,)]
+    assert verdicts == [(spec.id,), ()]
 
 
 def test_a_stated_uncertainty_of_the_chambers_azimuths_explains_what_lies_within_it() -> None:
@@ -121,7 +121,7 @@ def test_stated_uncertainties_of_pressure_readings_explain_their_gains_and_zeros
 
 
 def test_experiments_are_proposed_within_limits_with_a_catalogue_that_knows_no_wrong_pressures() -> None:
-    one, case = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}, measured(2, 1, FEW, chamber_azimuth__angle=np.radians(18))
+    one, case = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}, measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8))
     limit = 0.998 * float(case.table.pressures.max())
     found = diagnose(replace(case, robot=case.robot.replace(max_pressure=limit)), Options(quantify=False, catalogue=one))
     assert found.attribute.effects == ("chamber_azimuth",) and min(x.expected_bits for x in found.next_experiment) >= LEAST_BITS
