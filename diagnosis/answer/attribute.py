@@ -143,7 +143,7 @@ def attribute(
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, str]) -> tuple[StageError, ...]:
     parameters, s = p.problem.parameters, p.states
-    g = Gaussian(c.fit.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
+    g = Gaussian(c.fit.linear(p.problem), c.prior(parameters), c.weighed.peak.size, c.weighed.peak.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
     if np.ptp(s.kind[p.labels.state]):
         functions["experiment"] = (s.kind[:, None] == np.unique(s.kind)).astype(float)

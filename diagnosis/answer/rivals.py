@@ -120,7 +120,7 @@ class Rivals:
             covariance = slope[:, in_model] @ known_covariance[np.ix_(known, known)] @ slope[:, in_model].T  # S C S^T
             for again in (fresh, np.isin(source, MOUNTED)):  # S' V S'^T and, besides C, S_m V_m S_m^T
                 covariance += (slope[:, again] * own_sd[again] ** 2) @ slope[:, again].T
-            covariance += max(c.grid_point.size, COMPARED_DISCREPANCY) ** 2 * smooth @ smooth.T  # g^2 D D^T
+            covariance += max(c.weighed.peak.size, COMPARED_DISCREPANCY) ** 2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
             by_pressure = slope[:, [i for name, i in names.items() if name == OFFSET]]
             root = robot_noise(p.noise_components, labels, design.trial, design.t, by_pressure).colour(np.eye(len(mean)))
@@ -128,7 +128,7 @@ class Rivals:
             for effect in c.named:
                 contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))
                 if np.isfinite(contribution).all():
-                    law_error = errors.laws(c.grid_point.form_error * fitted_parameters.law_error[effect] * contribution)
+                    law_error = errors.laws(c.weighed.peak.form_error * fitted_parameters.law_error[effect] * contribution)
                     covariance += law_error @ law_error.T  # f^2 F F^T
             factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
             forecasts.append(RivalForecast(mean, factor, labels))
@@ -140,7 +140,7 @@ class Rivals:
         p, out = self.prepared.problem.parameters, []
         chosen = np.flatnonzero(~p.recurs)
         for c in self.candidates:
-            linear, at = c.fit.linear(self.prepared.problem), c.grid_point
+            linear, at = c.fit.linear(self.prepared.problem), c.weighed.peak
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), at.slab, linear.effect_size)
             scale = p.scaled(prior)[0][chosen]
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect, chosen)
