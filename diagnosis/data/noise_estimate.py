@@ -28,7 +28,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, eigh
+from scipy.linalg import cholesky, eigh
 from scipy.linalg.lapack import dpotri
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -162,11 +162,9 @@ class Loss:
         for p, u, s in zip(self._parts, columns, solved, strict=True):
             inner[np.ix_(p.at, p.at)] += u.T @ s.columns
             pulled[p.at] += s.columns.T @ p.value
-        factor = cho_factor(inner, lower=True)
-        total = sum(s.log_det for s in solved) + float(np.log(np.diag(factor[0])).sum())
-        weight = cho_solve(factor, pulled)
+        inverse, log_det = _inverse(inner)
+        total, weight = sum(s.log_det for s in solved) + log_det, inverse @ pulled
         total += 0.5 * (sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight))
-        inverse = cho_solve(factor, np.eye(len(scale)))
         gradient = np.zeros(len(x))
         along, spread = np.zeros(len(scale)), np.zeros(len(scale))
         remainders = [s.value - s.columns @ weight[p.at] for p, s in zip(self._parts, solved, strict=True)]
@@ -185,7 +183,7 @@ class Loss:
             changes = self._changes(p.changes(s, a, noise), u, np.where(self._named[:, p.at], along[p.at], 0.0))
             information += changes.T @ s.solve(changes)
             shared[p.at] += s.columns.T @ changes
-        information -= shared.T @ cho_solve(factor, shared)
+        information -= shared.T @ inverse @ shared
         prior = 1 / self._prior_sd**2
         return Point(total + 0.5 * float(x**2 @ prior), gradient + prior * x, 0.5 * information + np.diag(prior))
 
