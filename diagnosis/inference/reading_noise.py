@@ -192,7 +192,11 @@ def floor_of(
     noise = known or estimate_noise(data, replace(default, trial=trial_sd))
     tips = np.array([name in TIP for name in names])
     modelled = grid(np.column_stack([observed - missed, explained]))
-    predictors = [by_readings(states)[:, None, :].repeat(len(names), axis=1), modelled]
+    # the pressure of each regulator and its square, as shares of the highest: differences between tips to second order
+    pressure = states.vented_at_zero
+    read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
+    read = read / max(float(read.max()), 1.0)
+    predictors = [np.hstack([read, read**2])[:, None, :].repeat(len(names), axis=1), modelled]
     # a coefficient of their own in each channel
     each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
     regular = each.reshape(len(each), len(names), -1)
@@ -232,15 +236,6 @@ def telling(condition: Ints, trial: Ints) -> Mask:
 def _all_over(values: Ints) -> Ints:
     """The values in an order whose every beginning is spread evenly, by multiples of the golden ratio."""
     return values[np.argsort((np.arange(len(values)) * (np.sqrt(5) - 1) / 2) % 1, kind="stable")]
-
-
-def by_readings(states: Campaign) -> Array:
-    """(n, 2 r) causes of differences between tips of one condition, to second order: pressure of each of r regulators and its
-    square, as shares of the highest."""
-    pressure = states.vented_at_zero
-    read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
-    read = read / max(float(read.max()), 1.0)
-    return np.hstack([read, read**2])
 
 
 def _usual(noise: NoiseComponents) -> float:
