@@ -96,17 +96,16 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     """Diagnose as `diagnose` does; also the hypotheses still in play, which predict what an experiment would give."""
     options = options or Options()
     prepared, settled, edited, findings, held_out_states = _prepared(case, options)
-    stages = {e: spec.stage for e, spec in options.catalogue.items()}
     leading = weighed(prepared.problem, parts(prepared), options.executor)
     # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
     relatives, baseline = related_ahead(prepared, leading, options.executor), calibrated(prepared)
     predicting = unseen_states(prepared, baseline, leading.best, options.executor) if options.quantify else lambda f: Unseen
-    causes = attribute(prepared, stages, leading, baseline, relatives)
+    causes = attribute(prepared, leading, baseline, relatives)
     del leading, relatives  # with derivatives of the search, most of the memory
     predict_unseen = predicting(causes)
     rivals = Rivals(prepared, causes.posterior, causes.distinguishability)
     proposals = propose(causes, rivals, options.executor) if options.experiments else ()
-    location = locate(causes, stages)
+    location = locate(causes)
     unseen = predict_unseen()
     follows_law = causes.decision.verdict != "unknown"
     shrunk = unseen.shrink

@@ -34,6 +34,7 @@ from recordings.trials import Table
 from .answer.experiments import candidate_experiments, columns
 from .answer.result import Proposal
 from .arrays import Array
+from .data.campaign import places
 from .data.case import Case, states
 from .errors import BadCase
 from .inference.budget import after_calibration
@@ -250,12 +251,10 @@ def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int =
     values = forward.predict(theta)
     if not np.isfinite(values).all():
         raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
-    columns_read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
-    for name in "xyz":
-        rows = observed.channel == name
-        columns_read[name][observed.row[rows]] = values[rows] + USUAL.channel["tip"] * rng.standard_normal(int(rows.sum()))
-    n = len(design)
-    return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **columns_read}))
+    n, read = len(design), forward.observations
+    tip = places(n, read.row, read.channel, values).T + USUAL.channel["tip"] * rng.standard_normal((3, n))
+    others = {"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **table}
+    return Case(robot, Table({**others, **dict(zip("xyz", tip, strict=True))}))
 
 
 def additions(

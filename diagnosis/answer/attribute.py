@@ -102,14 +102,12 @@ def related_ahead(p: Prepared, w: WeighedCauses, executor: Executor) -> Callable
     return executor.ahead(partial(related, p, reached=reached), [tuple(asked.values())])
 
 
-def attribute(
-    p: Prepared, stages: Mapping[str, str], w: WeighedCauses, baseline: Fit, relatives_of: Callable[[], list[tuple[Related, ...]]]
-) -> Attribution:
-    """Weigh hypotheses of the catalogue, `w`, against causes outside it (`related_ahead`), and decide; `stages`: effect -> stage,
-    `baseline`: area factor and tolerances fitted, no effect."""
+def attribute(p: Prepared, w: WeighedCauses, baseline: Fit, relatives_of: Callable[[], list[tuple[Related, ...]]]) -> Attribution:
+    """Weigh hypotheses of the catalogue, `w`, against causes outside it (`related_ahead`), and decide; `baseline`: area
+    factor and tolerances fitted, no effect."""
     leading, best, candidates = w.leading, w.best, w.whole.candidates
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause: the least gain.
-    free_forms = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
+    free_forms = min((_stage_errors(p, c) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
     (relatives,) = relatives_of()
     effects = len(p.problem.parameters.ids)
     odds = odds_of_relatives(w.search.tried, [log_weight_of(r, effects) for r in relatives], effects)
@@ -141,12 +139,13 @@ def attribute(
     )
 
 
-def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, str]) -> tuple[StageError, ...]:
+def _stage_errors(p: Prepared, c: Candidate) -> tuple[StageError, ...]:
     parameters, s = p.problem.parameters, p.states
-    g = Gaussian(c.fit.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
+    g = Gaussian(c.fit.linear(p.problem), c.prior(parameters), c.weighed.peak.size, c.weighed.peak.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
     if np.ptp(s.kind[p.labels.state]):
         functions["experiment"] = (s.kind[:, None] == np.unique(s.kind)).astype(float)
+    stages = {effect: spec.stage for effect, spec in p.forward.catalogue.items()}
     found = stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
     if np.ptp(s.spine_length) > SPINE_GAP:
         return found

@@ -50,7 +50,7 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None, state
     area, modulus_at = (parameters.names.index(name) for name in (AREA, MODULUS))
     at_bound = min(abs(theta[AREA] - limit[area]) for limit in (parameters.lower, parameters.upper)) < AT_BOUND
     # whether the data know the modulus better than robot.yaml does, as where the body's weight bends it
-    where = f.best.grid_point
+    where = f.best.weighed.peak
     posterior = Gaussian(f.best.fit.linear(p.problem), f.best.prior(parameters), where.size, where.form_error)
     determined = bool(posterior.covariance(parameters.of_effect, np.array([modulus_at]))[0, 0] < DETERMINED**2)
     determined = determined or (modulus_at in stated and bool(abs(theta[MODULUS]) > BEYOND_SD * parameters.sd[modulus_at]))

@@ -43,7 +43,7 @@ class Distinguishability:
 def distinguishability(problem: Problem, best: Candidate, ranked: EffectPosterior) -> Distinguishability:
     """Separations of all single effects in the linear problem of the `best` hypothesis, everything else free within its
     tolerance: at the fitted size where an effect is probable, else at its plausible scale."""
-    p, linear, at = problem.parameters, best.fit.linear(problem), best.grid_point
+    p, linear, at = problem.parameters, best.fit.linear(problem), best.weighed.peak
     size = np.ones(len(p.scale))
     for effect in p.ids:
         if ranked.of_effect(effect) > RIVAL_PROBABILITY:

@@ -7,7 +7,7 @@ trial counted as fully correlated, with the false discovery rate over all cells 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 from ..arrays import Array, Ints, Mask, rms, rows_by
 from ..data.campaign import Campaign
 from ..data.levels import MASS_GAP, SPINE_GAP, distinct, levels
+from ..inference.posterior import UNKNOWN
 from ..inference.prepare import TINY, Prepared
 from ..judgement import CONCENTRATED_GAIN, CONCENTRATED_RATIO, FALSE_DISCOVERY_RATE, FEWEST_CONCENTRATED
 from .attribute import Attribution
@@ -23,8 +24,8 @@ from .result import FACTORS, STAGES, Cell, Concentrated, Locate
 from .unseen import mean_squares
 
 
-def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
-    """The section `locate`; `stages` effect id -> stage of the chain."""
+def locate(f: Attribution) -> Locate:
+    """The section `locate`."""
     p = f.prepared
     missed = p.problem.observed - p.problem.forward.predict(p.common(f.calibrated.theta))
     gap = p.gap(missed)
@@ -37,12 +38,16 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
     by: dict[str, tuple[Cell, ...]] = dict.fromkeys(FACTORS, ())
     for factor, cell, probability in cells:
         by[factor] = (*by.get(factor, ()), replace(cell, significant=bool(probability <= limit)))
+    stage = dict.fromkeys(STAGES, 0.0)
+    for named, share in f.posterior.ranking:
+        for of_effect in (p.forward.catalogue[effect].stage for effect in named if named != UNKNOWN):
+            stage[of_effect] = stage.get(of_effect, 0.0) + share / len(named)  # an effect of a pair counts for half
     return Locate(
         gap_rmse_mm=1e3 * rms(gap[finite]),
         noise_floor_mm=1e3 * p.noise_floor,
         significant=any(cell.significant for group in by.values() for cell in group),
         by=by,
-        stage=dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages),
+        stage=stage,
         of="deflection" if p.pushes_only else "tip",
         concentrated=concentrated(p.states.take(finite), p.gap(p.problem.observed - f.calibrated.predicted)[finite]),
     )

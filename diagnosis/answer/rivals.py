@@ -18,21 +18,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
 from model.effects.design import design_from_columns
 from model.errors import ModelError
 
-from ..arrays import Array, Ints
+from ..arrays import Array
 from ..criticism.gaussian import Gaussian
-from ..data.campaign import places
+from ..data.campaign import Labels, places
 from ..inference.discrepancy import settings, smooth_errors
 from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 from ..inference.prepare import Prepared
-from ..inference.reading_noise import OFFSET, noise_to_come
+from ..inference.reading_noise import OFFSET, robot_noise
 from ..judgement import COMPARED_DISCREPANCY, RIVAL_LEAST_WEIGHT, TOLERATED_SIZES
 from .distinguishability import Distinguishability
 
@@ -50,9 +49,8 @@ class RivalForecast:
     mean: Array
     factor: Array
     """(n, n) lower Cholesky factor of the covariance."""
-    row: Ints
-    channel: NDArray[np.str_]
-    """(n,) state and channel of each value."""
+    labels: Labels
+    """State and channel of each value."""
 
     def log_density(self, outcomes: Array) -> Array:
         """(draws,) of outcomes (draws, n), up to a constant common to all."""
@@ -71,9 +69,9 @@ class RivalForecast:
     @cached_property
     def tip(self) -> tuple[Array, Array]:
         """Tip (states, 3) and standard deviation of each coordinate, m; NaN where it is not measured."""
-        states = int(self.row.max(initial=-1)) + 1
-        spread = np.sqrt((self.factor**2).sum(axis=1))
-        return places(states, self.row, self.channel, self.mean), places(states, self.row, self.channel, spread)
+        state, channel, spread = self.labels.state, self.labels.channel, np.sqrt((self.factor**2).sum(axis=1))
+        states = int(state.max(initial=-1)) + 1
+        return places(states, state, channel, self.mean), places(states, state, channel, spread)
 
 
 class Rivals:
@@ -107,10 +105,11 @@ class Rivals:
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
         source = np.array([info.source for info in forward.parameters])
         fresh = ~np.isin(np.arange(len(own_sd)), in_model)  # those that the fit did not have
-        observed, design, length = forward.observations, forward.design, p.robot.length
+        labels = Labels(forward.observations.row, forward.observations.channel.astype(np.str_))
+        design, length = forward.design, p.robot.length
         branch, no_kind = np.where(design.unload, -1.0, 1.0), np.zeros(len(design))
         where = settings(design.spine_length, design.pressure.max(axis=1), branch, no_kind, length)
-        errors = smooth_errors(where, observed.row, observed.channel.astype(np.str_), p.unit, length)
+        errors = smooth_errors(where, labels.state, labels.channel, p.unit, length)
         smooth, forecasts = errors.discrepancy, list[RivalForecast]()
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
@@ -121,18 +120,18 @@ class Rivals:
             covariance = slope[:, in_model] @ known_covariance[np.ix_(known, known)] @ slope[:, in_model].T  # S C S^T
             for again in (fresh, np.isin(source, MOUNTED)):  # S' V S'^T and, besides C, S_m V_m S_m^T
                 covariance += (slope[:, again] * own_sd[again] ** 2) @ slope[:, again].T
-            covariance += max(c.grid_point.size, COMPARED_DISCREPANCY) ** 2 * smooth @ smooth.T  # g^2 D D^T
+            covariance += max(c.weighed.peak.size, COMPARED_DISCREPANCY) ** 2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
             by_pressure = slope[:, [i for name, i in names.items() if name == OFFSET]]
-            root = noise_to_come(p.noise_components, observed, forward.design, by_pressure).colour(np.eye(len(mean)))
+            root = robot_noise(p.noise_components, labels, design.trial, design.t, by_pressure).colour(np.eye(len(mean)))
             covariance += root @ root.T  # R
             for effect in c.named:
                 contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))
                 if np.isfinite(contribution).all():
-                    law_error = errors.laws(c.grid_point.form_error * fitted_parameters.law_error[effect] * contribution)
+                    law_error = errors.laws(c.weighed.peak.form_error * fitted_parameters.law_error[effect] * contribution)
                     covariance += law_error @ law_error.T  # f^2 F F^T
             factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
-            forecasts.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
+            forecasts.append(RivalForecast(mean, factor, labels))
         return tuple(forecasts)
 
     @cached_property
@@ -141,7 +140,7 @@ class Rivals:
         p, out = self.prepared.problem.parameters, []
         chosen = np.flatnonzero(~p.recurs)
         for c in self.candidates:
-            linear, at = c.fit.linear(self.prepared.problem), c.grid_point
+            linear, at = c.fit.linear(self.prepared.problem), c.weighed.peak
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), at.slab, linear.effect_size)
             scale = p.scaled(prior)[0][chosen]
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect, chosen)

@@ -64,7 +64,7 @@ class Unseen:
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
     """The model of a hypothesis: named effects wide, the others within their tolerance."""
-    return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit.theta)
+    return Model(c.prior(p.problem.parameters), c.weighed.peak.size, c.fit.theta)
 
 
 def left_out(p: Prepared, executor: Executor) -> tuple[CrossValidation, str] | None:

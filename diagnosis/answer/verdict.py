@@ -129,8 +129,8 @@ def budget_section(f: Attribution) -> tuple[Carries, ...]:
     """Return each effect's part of the gap in mm, largest first within named, present and unseen."""
     parameters, best = f.prepared.problem.parameters, f.best
     linear = best.fit.linear(f.prepared.problem)
-    reduced = linear.reduced(best.grid_point.size, best.grid_point.form_error)
-    detectable = visible(reduced, parameters, best.grid_point.spike, linear.effect_size)
+    reduced = linear.reduced(best.weighed.peak.size, best.weighed.peak.form_error)
+    detectable = visible(reduced, parameters, best.weighed.peak.spike, linear.effect_size)
     # the model itself is no better than the unit of its discrepancy
     least_present = judgement.PRESENT_FLOORS * max(f.prepared.noise_floor, float(np.sqrt(3)) * f.prepared.unit)
     out = []

@@ -201,7 +201,7 @@ class _Diagnosis:
     def _asking(self, c: Any) -> tuple[StageError, ...]:
         """What errors of free form gain beside a hypothesis, largest first."""
         b, p = self._b, self._p
-        g = Gaussian(c.fit.linear(b.problem), c.prior(p), c.grid_point.size, c.grid_point.form_error)
+        g = Gaussian(c.fit.linear(b.problem), c.prior(p), c.weighed.peak.size, c.weighed.peak.form_error)
         functions = b.functions(c.fit)
         of_effect = np.array([x.sd * moved for x, moved in zip(b.parameters, b.response, strict=True) if x.group == "effect"])
         size = np.array([np.sqrt(np.mean(of_effect[:, b.output == i] ** 2)) for i in range(len(b.sd))])

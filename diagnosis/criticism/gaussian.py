@@ -52,8 +52,8 @@ class Gaussian:
 def outlier_trial(problem: Problem, best: Candidate, trial: Ints) -> int | None:
     """The trial that the others predict worst under the best hypothesis, where its p-value times the number of trials is below
     0.001; `trial` (n,) number of each measured value's trial."""
-    size, trials = max(best.grid_point.size, PREDICTIVE_DISCREPANCY), np.unique(trial)
-    predictive = Gaussian(best.fit.linear(problem), best.prior(problem.parameters), size, best.grid_point.form_error)
+    size, trials = max(best.weighed.peak.size, PREDICTIVE_DISCREPANCY), np.unique(trial)
+    predictive = Gaussian(best.fit.linear(problem), best.prior(problem.parameters), size, best.weighed.peak.form_error)
     surprise, value_count = np.array([predictive.surprise(trial == t) for t in trials]).T
     probability = chdtrc(value_count, surprise)
     worst = int(np.argmin(probability))

@@ -28,7 +28,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, eigh
+from scipy.linalg import cholesky, eigh
 from scipy.linalg.lapack import dpotri
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -126,7 +126,9 @@ class Loss:
         self.high = np.repeat([np.log(judgement.COMPONENT_RANGE), 6.0 * self._lasts, longest * self._lasts], counts)
         k, c = len(contrast), data.residual.shape[1]
         self._count = k
-        self._member = np.array([self._kinds.index(kind) for kind in data.group])
+        own, each = np.array([self._kinds.index(kind) for kind in data.group]), np.eye(len(self.centre))
+        # rows (.., x) with a one at the number that each of `_ByParameter` is a derivative by
+        self._sd, self._share, self._others = each[own], each[self.sds + own], each[[g, g + 1, self.sds + g, -1]]
         drift = judgement.DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift)
         # one column for each parameter of each trial or repeat
         apart = [(s.response, (s.part[:, None] == np.unique(s.part)).astype(float)) for s in data.scatter.values()]
@@ -162,11 +164,9 @@ class Loss:
         for p, u, s in zip(self._parts, columns, solved, strict=True):
             inner[np.ix_(p.at, p.at)] += u.T @ s.columns
             pulled[p.at] += s.columns.T @ p.value
-        factor = cho_factor(inner, lower=True)
-        total = sum(s.log_det for s in solved) + float(np.log(np.diag(factor[0])).sum())
-        weight = cho_solve(factor, pulled)
+        inverse, log_det = _inverse(inner)
+        total, weight = sum(s.log_det for s in solved) + log_det, inverse @ pulled
         total += 0.5 * (sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight))
-        inverse = cho_solve(factor, np.eye(len(scale)))
         gradient = np.zeros(len(x))
         along, spread = np.zeros(len(scale)), np.zeros(len(scale))
         remainders = [s.value - s.columns @ weight[p.at] for p, s in zip(self._parts, solved, strict=True)]
@@ -174,33 +174,22 @@ class Loss:
             w = s.columns @ inverse[np.ix_(p.at, p.at)]
             # C^-1 of the part is its B^-1 less the first of these columns times the second, transposed
             of_part = p.gradient(s, np.column_stack([w, a]), np.column_stack([s.columns, a]), noise)
-            np.add.at(gradient, self._member, of_part.sd)
-            np.add.at(gradient, self.sds + self._member, of_part.share)
-            gradient[[g, g + 1, self.sds + g, -1]] += of_part.others
+            gradient += of_part.sd @ self._sd + of_part.share @ self._share + of_part.others @ self._others
             along[p.at] += u.T @ a
             spread[p.at] += np.einsum("nu,nu->u", u, w)
         gradient[g + 2 : self.sds] = [spread[own].sum() - (along[own] ** 2).sum() for own in self._named]
         information, shared = np.zeros((len(x), len(x))), np.zeros((len(scale), len(x)))
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
-            changes = self._changes(p.changes(s, a, noise), u, np.where(self._named[:, p.at], along[p.at], 0.0))
+            of = p.changes(s, a, noise)
+            changes = of.sd[..., None] * self._sd + of.share[..., None] * self._share + of.others @ self._others
+            changes = changes.reshape(len(a), -1)
+            # of a component with columns U (k c, u) and x = ln of its standard deviation: 2 U (U^T a)
+            changes[:, g + 2 : self.sds] = 2 * u @ np.where(self._named[:, p.at], along[p.at], 0.0).T
             information += changes.T @ s.solve(changes)
             shared[p.at] += s.columns.T @ changes
-        information -= shared.T @ cho_solve(factor, shared)
+        information -= shared.T @ inverse @ shared
         prior = 1 / self._prior_sd**2
         return Point(total + 0.5 * float(x**2 @ prior), gradient + prior * x, 0.5 * information + np.diag(prior))
-
-    def _changes(self, of: _ByParameter, columns: Array, along: Array) -> Array:
-        """(k c, x) products (dC/dx) a of one part, for each parameter x: of B as `of` holds them, and 2 U (U^T a) of a component
-        with `columns` U (k c, u) and x = ln of its standard deviation; `along` (components, u): U^T a, 0 in columns of others."""
-        g, (k, c) = len(self._kinds), of.others.shape[:2]
-        out = np.zeros((k, c, len(self.centre)))
-        channel = np.arange(c)
-        out[:, channel, self._member] = of.sd
-        out[:, channel, self.sds + self._member] = of.share
-        out[..., [g, g + 1, self.sds + g, -1]] = of.others
-        changes = out.reshape(k * c, -1)
-        changes[:, g + 2 : self.sds] = 2 * columns @ along.T
-        return changes
 
 
 @dataclass(frozen=True)

@@ -204,16 +204,13 @@ class Sample:
         once, which = equal_rows(np.concatenate([a.reshape(len(a), -1) for a in made.arrays(ROD).values()], axis=1))
         each = max(1, BATCH // len(self.table))
         solved = [self.rods(made.take(once[k : k + each])) for k in range(0, len(once), each)]
-        missed = self._between(Variants.stacked(solved).take(which), made)
-        return np.split(missed, np.cumsum([len(x) for _, x in hypotheses])[:-1])
-
-    def _between(self, rods: Variants, v: Variants) -> Array:
-        """(v, readings, 3) m, see `missed`."""
-        turn = rotation_vector(multiply(rods.orientation, v.orientation * CONJUGATE))
+        rods = Variants.stacked(solved).take(which)
+        turn = rotation_vector(multiply(rods.orientation, made.orientation * CONJUGATE))
         turn *= judgement.EDIT_LOSS_SCALE / judgement.EDIT_LOSS_TURN * self.robot.length
-        parts = [rods.tip - v.tip, (rods.markers - v.markers).reshape(len(v.tip), -1, 3), turn]
+        parts = [rods.tip - made.tip, (rods.markers - made.markers).reshape(len(made.tip), -1, 3), turn]
         missed = np.concatenate(parts, axis=1)[:, self._measured]
-        return np.where(np.isfinite(missed), missed, self.robot.length)
+        missed = np.where(np.isfinite(missed), missed, self.robot.length)
+        return np.split(missed, np.cumsum([len(x) for _, x in hypotheses])[:-1])
 
     def rms(self, missed: Array) -> Array:
         """(..) m, s sqrt(mean rho(d^2 / s^2)): the rms of distances d (.., n, 3) that are small, while large ones count less."""

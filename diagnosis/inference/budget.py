@@ -143,8 +143,8 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
             squares[id(c.fit)] = _squares(problem, where, c.fit)
         in_metres, in_floors = _carried(p, where, squares[id(c.fit)], drawn - c.fit.theta[p.of_effect] / p.scale)
         size = np.sqrt(np.where(p.sizes, drawn, 0.0) ** 2 @ p.members)
-        tolerant = c.grid_point.spike > 0.0
-        form_error = float(KNOWN.form_errors.max()) if tolerant else c.grid_point.form_error
+        tolerant = c.weighed.peak.spike > 0.0
+        form_error = float(KNOWN.form_errors.max()) if tolerant else c.weighed.peak.form_error
         names = _names(in_floors, size >= least_size, np.isin(p.ids, c.named), naming)
         draws.append((in_metres, in_floors, names, *(np.full(DRAWS, x) for x in (w / DRAWS, form_error, tolerant))))
     metres, floors, named, weight, law_errors, tolerances = map(np.concatenate, zip(*draws, strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from .evidence import GridPoint, Hypothesis, Weighed
+from .evidence import Hypothesis, Weighed
 from .fit import Fit
 from .jacobian import Jacobian
 from .linear import SizePrior
@@ -18,8 +18,6 @@ class Candidate:
     named: Hypothesis
     weighed: Weighed
     fit: Fit
-    grid_point: GridPoint
-    """The most probable point of the grid."""
     with_tolerances: bool
     """Fitted with every other effect free within its tolerance; else with all others absent."""
     turns: int = 0
@@ -29,7 +27,7 @@ class Candidate:
 
     def prior(self, p: FitParameters) -> SizePrior:
         """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
-        return p.prior(p.mask(self.named), self.grid_point.spike, self.grid_point.slab, p.effect_size(self.fit.theta))
+        return p.prior(p.mask(self.named), self.weighed.peak.spike, self.weighed.peak.slab, p.effect_size(self.fit.theta))
 
     @property
     def base(self) -> Jacobian | None:

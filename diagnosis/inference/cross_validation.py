@@ -34,11 +34,6 @@ class Model:
     smooth: bool = False
     """Whether the discrepancy is part of the prediction."""
 
-    @property
-    def begins(self) -> tuple[bytes, bytes]:
-        """What the linear problem depends on at which its refits begin."""
-        return self.theta.tobytes(), (self.prior.variance > 0).tobytes()
-
 
 class CrossValidation:
     """One problem's values in parts, each of which is predicted by fits to the others."""
@@ -78,11 +73,12 @@ class CrossValidation:
 
     def _linearised(self, model: Model) -> tuple[Array, Ints, Columns]:
         """Prediction (n,) at the parameters of a model, which of them it leaves free (c,), and derivatives (n, c) by these."""
-        if model.begins not in self._known:
-            free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
+        free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
+        begins = model.theta.tobytes(), free.tobytes()
+        if begins not in self._known:
             predicted, columns = derivatives(self._problem.forward, model.theta, free.tolist())
-            self._known[model.begins] = predicted, free, columns
-        return self._known[model.begins]
+            self._known[begins] = predicted, free, columns
+        return self._known[begins]
 
 
 def only(problem: Problem, seen: Mask) -> Problem:

@@ -85,11 +85,8 @@ class Weighed:
     """(p,) of the same, averaged over the grid."""
     averaged_sd: Array
     """(p,)."""
-
-    def peak(self, grid: Grid) -> GridPoint:
-        """The most probable point of the grid."""
-        i, j, k = np.unravel_index(int(np.argmax(self.log_terms)), self.log_terms.shape)
-        return GridPoint(float(grid.spikes[i]), float(grid.slabs[i]), float(grid.sizes[j]), float(grid.form_errors[k]))
+    peak: GridPoint
+    """The most probable point of the grid."""
 
     @property
     def law_error_gain(self) -> float:
@@ -105,6 +102,7 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     that are tolerated are below `LARGEST_TOLERATED_SIZE`.
     """
     masks = np.array([parameters.mask(h) for h in named])
+    axes = grid.spikes, grid.slabs, grid.sizes, grid.form_errors
     if not linear.form_error.shape[1]:
         grid = replace(grid, form_errors=np.zeros(1))
     loaded = np.flatnonzero((masks & parameters.loads).any(axis=1))
@@ -136,9 +134,9 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     sds = np.sqrt(np.maximum(square - averaged**2, 0.0))
     for h, terms in enumerate(log_terms):
         i, j, k = map(int, np.unravel_index(int(terms.argmax()), terms.shape))
-        prior = parameters.prior(masks[h, used], float(grid.spikes[i]), float(grid.slabs[i]), effect_size)
-        _, mean, root = reduced[j, k].update(prior)
-        out.append(Weighed(float(total[h]), terms, mean @ place, place.T @ (root.T @ root) @ place, averaged[h], sds[h]))
+        peak = GridPoint(*(float(values[at]) for values, at in zip(axes, (i, i, j, k), strict=True)))
+        _, mean, root = reduced[j, k].update(parameters.prior(masks[h, used], peak.spike, peak.slab, effect_size))
+        out.append(Weighed(float(total[h]), terms, mean @ place, place.T @ (root.T @ root) @ place, averaged[h], sds[h], peak))
     return out
 
 

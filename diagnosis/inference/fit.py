@@ -63,7 +63,9 @@ class Fit:
 
     def with_form_error(self, problem: Problem, named: tuple[str, ...], shared: bool = False) -> Fit:
         """The same fit with the model-form error of the laws of `named` effects; `shared` as in `FormError`."""
-        return replace(self, form_error=problem.form_error(self.theta, self.predicted, named, shared))
+        done = {effect: problem.response(self.theta, self.predicted, effect) for effect in named}
+        known = {e: d for e, d in done.items() if np.isfinite(d).all() and d.any()}
+        return replace(self, form_error=FormError(named, known, shared))
 
     def without_law(self, effect: str) -> Fit:
         """The same fit where the law of one effect cannot be wrong, as it is taken away."""

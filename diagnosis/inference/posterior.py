@@ -47,14 +47,6 @@ class EffectPosterior:
         before = itertools.accumulate((p for _, p in self.ranking), initial=0.0)
         return tuple(named for (named, _), held in zip(self.ranking, before, strict=False) if held < judgement.CREDIBLE_SHARE)
 
-    def by_stage(self, stages: Mapping[str, str]) -> dict[str, float]:
-        """Probability by stage of the chain, given each effect's stage; an effect of a pair counts for half."""
-        out = dict.fromkeys(dict.fromkeys(stages.values()), 0.0)
-        for named, p in self.ranking:
-            for effect in named if named != UNKNOWN else ():
-                out[stages[effect]] += p / len(named)
-        return out
-
 
 def hypothesis_prior(named: Hypothesis, effects: int) -> float:
     """Prior probability of a hypothesis of a catalogue of that many effects."""

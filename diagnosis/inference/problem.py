@@ -287,11 +287,6 @@ class Problem:
             effect_size=p.effect_size(theta),
         )
 
-    def form_error(self, theta: Array, predicted: Array, named: tuple[str, ...], shared: bool = False) -> FormError:
-        """Model-form error of the laws of `named` effects at parameters (k,), where the model predicts `predicted` (n,)."""
-        done = {effect: self.response(theta, predicted, effect) for effect in named}
-        return FormError(named, {e: d for e, d in done.items() if np.isfinite(d).all() and d.any()}, shared)
-
     def with_form_error(self, linear: Linear, theta: Array, wrong: FormError, tolerated: Array | None = None) -> Linear:
         """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what an
         effect does at theta. No law of material or contact is exact, whether its effect is named or (to first order) tolerated.

@@ -14,9 +14,8 @@ from functools import partial
 
 import numpy as np
 
-from model.condition import TIP, States
+from model.condition import TIP
 from model.effects.forward import ForwardModel
-from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
 
 from ..arrays import Array, Ints, Mask, rms, rows_by, scattered
@@ -112,7 +111,7 @@ def stiffness_trials(
 def noise_of(states: Campaign, labels: Labels, noise: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
     """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
     state = labels.state
-    made = _of_channels(noise, labels, _blocks(states)[state], states.time[state], response)
+    made = robot_noise(noise, labels, states.trial, np.where(states.pushed, np.nan, states.time), response)
     white, by_pressure = made.sd * np.where(resting(states), noise.rest, 1.0)[state], made.pressure_response
     if pushes is not None:
         own = labels.kind == 3
@@ -123,18 +122,10 @@ def noise_of(states: Campaign, labels: Labels, noise: NoiseComponents, pushes: S
     return replace(made, sd=white)
 
 
-def noise_to_come(noise: NoiseComponents, observed: Observations, design: States, response: Array) -> Noise:
-    """Noise of the values (n,) that a planned design would give, with the noise components of this campaign.
-
-    `response` (n, r): of each value to the pressure readings of r regulators, per Pa.
-    """
-    labels = Labels(observed.row, observed.channel.astype(np.str_))
-    block = blocks(design.trial, design.t, LONGEST_BLOCK)[labels.state]
-    return _of_channels(noise, labels, block, design.t[labels.state], response)
-
-
-def _of_channels(noise: NoiseComponents, labels: Labels, block: Ints, time: Array, response: Array) -> Noise:
-    """Noise of values (n,) of states that are all read alike; `response` (n, r) as it is given."""
+def robot_noise(noise: NoiseComponents, labels: Labels, trial: Ints, time: Array, response: Array) -> Noise:
+    """Noise of values (n,) of the robot, all read alike, of states (s,) of a `trial`, measured or planned; `time` (s,) s, NaN
+    where nothing lasts. `response` (n, r): of each value to the pressure readings of r regulators, per Pa."""
+    block, time = blocks(trial, time, LONGEST_BLOCK)[labels.state], time[labels.state]
 
     def of_kind(by_name: Mapping[str, float], default: float) -> Array:
         return np.array([by_name.get(k, default) for k in KINDS])[labels.kind]
@@ -145,11 +136,6 @@ def _of_channels(noise: NoiseComponents, labels: Labels, block: Ints, time: Arra
         number = np.unique(labels.channel, return_inverse=True)[1]
         lasting = Lasting(block, time, number, sd * np.sqrt(share), noise.lasting[PRESSURE] * ones, noise.memory * ones)
     return Noise(labels.state, sd * np.sqrt(1 - share), noise.pressure * response, lasting)
-
-
-def _blocks(states: Campaign) -> Ints:
-    """(n,) states of the robot whose errors last from one to the next."""
-    return np.where(states.pushed, -1, blocks(states.trial, states.time, LONGEST_BLOCK))
 
 
 def floor_of(
@@ -199,14 +185,18 @@ def floor_of(
         {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in drawn_anew.items()},
         resting(states)[complete],
         grid(slope.take(np.array([p.scope == "campaign" for p in infos])).whole)[complete],
-        _blocks(states)[complete],
+        blocks(states.trial, states.time, LONGEST_BLOCK)[complete],
         states.time[complete],
     )
     trial_sd = {source: next(p.sd for p in infos if p.source == source) for source in drawn_anew}
     noise = known or estimate_noise(data, replace(default, trial=trial_sd))
     tips = np.array([name in TIP for name in names])
     modelled = grid(np.column_stack([observed - missed, explained]))
-    predictors = [by_readings(states)[:, None, :].repeat(len(names), axis=1), modelled]
+    # the pressure of each regulator and its square, as shares of the highest: differences between tips to second order
+    pressure = states.vented_at_zero
+    read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
+    read = read / max(float(read.max()), 1.0)
+    predictors = [np.hstack([read, read**2])[:, None, :].repeat(len(names), axis=1), modelled]
     # a coefficient of their own in each channel
     each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
     regular = each.reshape(len(each), len(names), -1)
@@ -246,15 +236,6 @@ def telling(condition: Ints, trial: Ints) -> Mask:
 def _all_over(values: Ints) -> Ints:
     """The values in an order whose every beginning is spread evenly, by multiples of the golden ratio."""
     return values[np.argsort((np.arange(len(values)) * (np.sqrt(5) - 1) / 2) % 1, kind="stable")]
-
-
-def by_readings(states: Campaign) -> Array:
-    """(n, 2 r) causes of differences between tips of one condition, to second order: pressure of each of r regulators and its
-    square, as shares of the highest."""
-    pressure = states.vented_at_zero
-    read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
-    read = read / max(float(read.max()), 1.0)
-    return np.hstack([read, read**2])
 
 
 def _usual(noise: NoiseComponents) -> float:

@@ -83,7 +83,7 @@ class Search:
             size, start = judgement.FIT_DISCREPANCY_SIZE, np.zeros_like(self.problem.parameters.sd)
             if with_tolerances:
                 tolerant = self._weigh(NONE, self.fit(NONE, True, size, self._calibrated(False).fit, 3), True)
-                none = self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5).with_form_error(self.problem, NONE)
+                none = self.fit(NONE, True, tolerant.weighed.peak.size, tolerant.fit, 5).with_form_error(self.problem, NONE)
             else:
                 none = self.fit(NONE, False, size, start, 4).whole(self.problem, NONE)
             (found,) = self.around(self._as_reference(none), [NONE], with_tolerances)
@@ -153,7 +153,7 @@ class Search:
     def _at_starts(self, c: Candidate) -> list[Candidate]:
         """A hypothesis that was weighed around none in the linear problems of its starts: no step taken."""
         points = starts(self.problem.parameters, c.named, c.fit)
-        begun = (self.fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.base) for start in points)
+        begun = (self.fit(c.named, c.with_tolerances, c.weighed.peak.size, start, 0, c.base) for start in points)
         return [self._weigh(c.named, there, c.with_tolerances, shared=True) for there in begun]
 
     # ------------------------------------------------------------------ the queue
@@ -237,7 +237,7 @@ class Search:
         explain alone what seemed to take several."""
         out, start = [], c.fit.theta
         for named in (c.named, *itertools.combinations(c.named, len(c.named) - 1)):
-            out.append(replace(self._to_the_end(named, c.with_tolerances, c.grid_point.size, start), turns=1))
+            out.append(replace(self._to_the_end(named, c.with_tolerances, c.weighed.peak.size, start), turns=1))
             start = out[0].fit.theta
         return out
 
@@ -259,13 +259,13 @@ class Search:
         elif not c.turns and far(self.problem, c.fit.predicted, self._calibrated(c.with_tolerances).fit):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             start, rounds, frozen = recalibrated(self.problem, c.fit.theta), ROUNDS, None
-        fitted = self.fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
+        fitted = self.fit(c.named, c.with_tolerances, c.weighed.peak.size, start, rounds, frozen)
         weighed = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
         # where no step leads to a prediction, both are minus infinity
         stalled = c.turns > 0 and not weighed.log_evidence - c.log_evidence >= judgement.UNCONVERGED
         weighed = replace(max(c, weighed, key=_evidence) if c.turns else weighed, turns=c.turns + 1)
         # A leading one recomputes all derivatives, with the most probable size of its discrepancy.
-        settled = not self._leads(weighed) or (frozen is None and weighed.grid_point.size == c.grid_point.size)
+        settled = not self._leads(weighed) or (frozen is None and weighed.weighed.peak.size == c.weighed.peak.size)
         converged = weighed.fit.predicted_decrease <= judgement.UNCONVERGED and settled
         return replace(weighed, ended=stalled or converged)
 
@@ -300,7 +300,7 @@ class Search:
         if named:
             (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
-        sizes = begun.grid_point.size, 0.0
+        sizes = begun.weighed.peak.size, 0.0
         points: list[Array | Fit] = [begun.fit, *more]
         # a calibration is nearly linear: each size has one start
         each = itertools.product({*sizes}, points) if named or len(more) > 1 else zip(sizes, points, strict=True)
@@ -314,13 +314,13 @@ class Search:
     def alone(self, c: Candidate) -> Candidate:
         """The same hypothesis with all other effects absent, searched to convergence."""
         begun = self._tried.get((c.named, False), c)
-        return self._to_the_end(c.named, False, begun.grid_point.size, begun.fit.theta)
+        return self._to_the_end(c.named, False, begun.weighed.peak.size, begun.fit.theta)
 
     def searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
         """An answer that was only weighed, searched from there and from the leading hypothesis, where it is a tolerance."""
         if answer.turns:
             return answer
-        named, with_tolerances, size = answer.named, leading.with_tolerances, leading.grid_point.size
+        named, with_tolerances, size = answer.named, leading.with_tolerances, leading.weighed.peak.size
         ends = [self._to_the_end(named, with_tolerances, size, start.theta) for start in (answer.fit, leading.fit)]
         return max(ends, key=_evidence)
 
@@ -368,9 +368,9 @@ class Search:
 
     def around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool, linear: Linear | None = None) -> list[Candidate]:
         """Hypotheses in the linear problem of a fit that may have been made for another, `linear` where it is made already."""
-        grid = KNOWN.part(with_tolerances)
-        found = weigh(linear or f.linear(self.problem), grid, self.problem.parameters, named) if named else []
-        return [Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)]
+        grid, parameters = KNOWN.part(with_tolerances), self.problem.parameters
+        found = weigh(linear or f.linear(self.problem), grid, parameters, named) if named else []
+        return [Candidate(h, w, f, with_tolerances) for h, w in zip(named, found, strict=True)]
 
     def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, shared: bool = False) -> Candidate:
         return self.around(fitted.with_form_error(self.problem, named, shared), [named], with_tolerances)[0]

@@ -40,8 +40,7 @@ def found(diagnosed: Measured) -> Attribution:
     three = {effect: SOME[effect] for effect in ("chamber_azimuth", "base_tilt", "marker_offset")}
     prepared = prepare(ROBOT, states(diagnosed)[0], catalogue=three)
     leading = weighed(prepared.problem, parts(prepared), SINGLE_THREAD)
-    relatives, stages = related_ahead(prepared, leading, SINGLE_THREAD), {effect: spec.stage for effect, spec in three.items()}
-    return attribute(prepared, stages, leading, calibrated(prepared), relatives)
+    return attribute(prepared, leading, calibrated(prepared), related_ahead(prepared, leading, SINGLE_THREAD))
 
 
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:

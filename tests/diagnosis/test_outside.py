@@ -200,7 +200,7 @@ def found(problem: Problem, named: Hypothesis) -> StageError:
     """The stage that gains most beside a hypothesis."""
     search = Search(problem)
     best = search.with_all_derivatives(next(c for c in search.run() if c.named == named))
-    g = Gaussian(best.fit.linear(problem), best.prior(problem.parameters), best.grid_point.size, best.grid_point.form_error)
+    g = Gaussian(best.fit.linear(problem), best.prior(problem.parameters), best.weighed.peak.size, best.weighed.peak.form_error)
     time = np.arange(len(GRID.length), dtype=float)
     every = smooth_functions(GRID.length, GRID.pressure, GRID.branch, time, ROBOT_LENGTH)
     functions = {name: np.repeat(f, 3, axis=0) for name, f in every.items()}

@@ -32,7 +32,7 @@ def test_an_effect_far_behind_is_fitted_alone_to_its_end(acting: str, rival: str
     search = Search(toy_problem(3, {acting: 0.8}, clutter=0.1))
     weighed = next(c for c in search.run() if c.named == (rival,))
     alone = search.alone(weighed)
-    again = search.fit((rival,), False, alone.grid_point.size, alone.fit, 30)
+    again = search.fit((rival,), False, alone.weighed.peak.size, alone.fit, 30)
     assert again.theta == pytest.approx(alone.fit.theta, abs=1e-3) and not again.theta[IDS.index(acting)]
     assert abs(alone.fit.theta[IDS.index(rival)]) > 2 * abs(weighed.fit.theta[IDS.index(rival)])
 
