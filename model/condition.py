@@ -76,6 +76,8 @@ class States:
     """(n, chambers) chambers that are pressurised at some state of the trial."""
     deflection: Array
     """(n,) m; 0 where the row is no stiffness row."""
+    unread: Mask
+    """(n,) states without a reading, which laws with memory alone know."""
     channels: tuple[str, ...]
     """Observed channels, of x y z, rx ry rz, m1x .. mKz, force."""
 
@@ -185,7 +187,7 @@ def conditions(
         trial=numbers, trial_id=numbers, stiffness=never, body=never, unload=never, repeat=np.ones(n, np.int64),
         t=np.full(n, np.nan), rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64),
         progress=np.full(n, 0.5), vacuum=np.full(n, vacuum), nominal_vacuum=vacuum,
-        used=full["pressure"] > USED * (robot.max_pressure or 0.0), deflection=zero, channels=TIP, **full,
+        used=full["pressure"] > USED * (robot.max_pressure or 0.0), deflection=zero, unread=never, channels=TIP, **full,
     )  # fmt: skip
     states.check(robot)
     return states

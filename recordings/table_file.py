@@ -207,10 +207,8 @@ def lacks(columns: Mapping[str, NDArray[Any]]) -> list[str]:
     by_pattern = []
     for of_stiffness, *has_value in patterns.tolist():
         given = frozenset(compress(columns, has_value))
-        needed, lacking = {"x"}, "a row of another protocol than stiffness needs the tip's x, y, z"
-        if of_stiffness:
-            needed, lacking = {"specimen", "force", "deflection"}, "a stiffness row needs specimen, force and deflection"
-        by_pattern.append(incomplete(given, *counts) or ("" if needed <= given else lacking))
+        pushes = {"specimen", "force", "deflection"} <= given or not of_stiffness
+        by_pattern.append(incomplete(given, *counts) or "a stiffness row needs specimen, force and deflection" * (not pushes))
     return [by_pattern[k] for k in of_row.ravel().tolist()]
 
 
@@ -253,6 +251,8 @@ def _doubts(table: Table) -> list[str]:
     vacuum = float(table.get("vacuum", 0.0).max())
     if 5 < vacuum < 150 and (table.spine_length > 0).any():
         doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")
+    if table.unread.any() and table.with_tip.any():
+        doubts.append(f"{table.unread.sum()} of {len(table)} states have no tip: they count as history alone")
     for name in np.unique(table["protocol"]).tolist():
         near = difflib.get_close_matches(name, ("bending", "elongation", "stiffness"), 1, 0.8)
         if near and not name.startswith(near[0]):

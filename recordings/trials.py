@@ -1,4 +1,4 @@
-"""The table of trials: a row for each state that was read, in the order in which they happened.
+"""The table of trials: a row for each state, in the order in which they happened; without x, y, z it counts as history alone.
 
 A column that was never measured is absent, a cell that was not measured is empty. `sensor_NAME_QUANTITY` is what a sensor
 of the lab's own measured, in its unit; `sd_COLUMN` the standard deviation of the samples that were averaged, not of their
@@ -403,6 +403,12 @@ class Table:
     def with_tip(self) -> NDArray[np.bool_]:
         """(n,) states of the robot with a tip."""
         return np.asarray(~self.pushed & np.isnan(self.get("joint1")) & ~np.isnan(self.tip).all(axis=1))
+
+    @property
+    def unread(self) -> NDArray[np.bool_]:
+        """(n,) states of the robot whose pressures were read and whose tip was not: history alone."""
+        known = np.isfinite(np.column_stack([self.pressures, self.spine_length])).all(axis=1)
+        return np.asarray(known & ~self.pushed & np.isnan(self.get("joint1")) & ~self.with_tip)
 
     @property
     def moved_to_model(self) -> str:

@@ -34,13 +34,16 @@ class Campaign:
     """States of equal number belong to the same kind of experiment; 0 is the sweep that most states belong to."""
     pressure_gap: float
     """Pa within which pressures count as one setting."""
+    history: Campaign | None = None
+    """States of the same table whose tip was not read, with their `row`: laws with memory know them, nothing compares them."""
 
     def __len__(self) -> int:
         return len(self.trials)
 
     def take(self, rows: Mask) -> Campaign:
         """The states picked by a mask."""
-        return Campaign(self.trials.take(rows), self.row[rows], self.condition[rows], self.kind[rows], self.pressure_gap)
+        of_states = self.trials.take(rows), self.row[rows], self.condition[rows], self.kind[rows]
+        return Campaign(*of_states, self.pressure_gap, self.history)
 
     pushed = cached_property[Mask](lambda s: s.trials.pushed)
     """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""

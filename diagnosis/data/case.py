@@ -53,6 +53,8 @@ def states(case: Case) -> tuple[Campaign, tuple[Finding, ...]]:
         raise BadCase("\n".join(wrong))
     require_plausible_pushes(robot, table.take(usable_pushes))
     campaign = campaign_of(table, usable, usable_pushes)
+    if (unread := rows[table.unread]).size:
+        campaign = replace(campaign, history=campaign_of(table, unread, unread[:0]))
     return campaign, (*concerns, *_concerns(campaign, robot))
 
 

@@ -89,7 +89,8 @@ class Edited:
         if self.fit is None:
             return states
         own = {e.kind for e in self.fit.edits if e.of_this_campaign or (self.with_order and e.kind == "order")}
-        return replace(states, trials=corrected(self.robot, states.trials, self.fit, _beyond_usual(self.fit), own)[1])
+        trials = corrected(self.robot, states.trials, self.fit, _beyond_usual(self.fit), own)[1]
+        return replace(states, trials=trials, history=states.history and self.moved(states.history))
 
 
 def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> Edited:
@@ -236,7 +237,8 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     for edit, own in sorted(mistakes(robot, fit), key=lambda one: one[0].kind not in as_effect):
         changes += edit.findings(found.sample.robot, fit.theta, own, found.probability(edit.kind), found.rather(edit, own, fit))
     before, after = (1e3 * float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
-    return Edited(made, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
+    edited = Edited(made, states, tuple(changes), before, after, fit, place is not None)
+    return replace(edited, states=replace(states, trials=table, history=states.history and edited.moved(states.history)))
 
 
 def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:

@@ -18,7 +18,7 @@ from model.effects.scales import STANDARD, Scales
 from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
-from recordings.trials import TIP, marker_columns
+from recordings.trials import TIP, Table, marker_columns
 
 from ..arrays import Array, Mask, scattered
 from ..data.campaign import Campaign, Labels, places
@@ -135,7 +135,8 @@ def prepare(
     of the noise where they are known, else they are estimated from repeats. `sized`: scales of effects, where they are not
     those of these states alone.
     """
-    (robot, catalogue), table = _as_placed(robot, states, catalogue), table_columns(states)
+    seen = states if baseline is None else replace(states, history=None)
+    (robot, catalogue), table = _as_placed(robot, states, catalogue), table_columns(seen)
     design = design_from_columns(robot, table)
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
@@ -240,10 +241,14 @@ def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, Eff
 
 
 def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
-    """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
-    table = {name: states.trials[name] for name in states.trials.columns}
+    """The table's columns of states and history (`unread`), spine lengths not below zero, vented chambers at zero gauge."""
     pressures = {f"p{i}": column for i, column in enumerate(states.vented_at_zero.T, 1)}
-    return table | {"spine_length": states.spine_length} | pressures
+    table = states.trials.replaced({"spine_length": states.spine_length, **pressures})
+    if states.history is None:
+        return {name: table[name] for name in table.columns}
+    both = Table.stacked([table, Table(table_columns(states.history))])
+    order = np.lexsort((np.concatenate([states.row, states.history.row]), both.pushed))
+    return {name: both[name][order] for name in both.columns} | {"unread": order >= len(states)}
 
 
 def possible(forward: ForwardModel, robot: Robot) -> tuple[ParameterInfo, ...]:

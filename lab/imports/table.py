@@ -250,16 +250,23 @@ def conclude(
     gone, said = unusable(states, robot, places.__getitem__, written_twice=True)
     notes += said
     states, kept_states = without([(state, 0) for state in gone], states)
-    states, kept_states[kept_states] = _with_branches(states).take(states.with_tip), states.with_tip
     rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
+    named = _with_branches(states)
+    states, read = named.take(named.with_tip), np.flatnonzero(named.with_tip)
     found = list(jumps(states, float(straight[2]), robot.actuators.words))
-    notes += _jump_notes(found, places)
+    notes += _jump_notes(found, [places[k] for k in read])
     states, kept_states = without([(j.state, body) for j in found if j.against for body in j.bodies], states)
-    rows, places = list(compress(rows, kept_states)), list(compress(places, kept_states))
+    read = read[kept_states]
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
         states = _levered(states, np.array(wanted.sensor))
+    last = dict(zip(named.trial[read].tolist(), read.tolist(), strict=True))
+    every_lost = np.flatnonzero(named.unread).tolist() if wanted.forces != "tip" and wanted.stiffness is None else []
+    lost = [k for k in every_lost if k < last.get(int(named.trial[k]), -1)]  # what later states remember
+    history = Table({n: column[lost] for n, column in named.values.items() if not re.match(r"(m\d+)?[xyz]$|q|sd_", n)})
+    states = Table.stacked([states, history]).take(np.argsort([*read, *lost]))
+    rows, places = ([of_state[k] for k in sorted([*read, *lost])] for of_state in (rows, places))
     if wanted.forces != "base":
         turn, turned = _turns(states)
         if wanted.forces == "tip" and not turned.all():
@@ -272,7 +279,7 @@ def conclude(
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states, counted, notes, partial(_unmapped, rows, every))
     orders = [f"{series.path.name}: {q.order}" for series, q, _ in every if q.order]
-    notes += *_contradictions(table, float(straight[2]), orders), *orders
+    notes += *_contradictions(table.take(table.with_tip), float(straight[2]), orders), *orders
     _demand_mounted(table)
     if wanted.stiffness is not None:
         file, forces = np.array([file for file, _ in rows]), [q.constants.get("force") for _, q, _ in every]
@@ -298,7 +305,8 @@ def conclude(
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     if robot.chambers is not None:
         questions += _ambient(table, wanted, robot.actuators.words)
-    across = float(np.linalg.norm(np.linalg.svd(states.tip, compute_uv=False)[1:])) / np.sqrt(len(states.tip))
+    tips = states.tip[states.with_tip]
+    across = float(np.linalg.norm(np.linalg.svd(tips, compute_uv=False)[1:])) / np.sqrt(len(tips))
     if across < LEAST_ACROSS * robot.length:
         line = f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine "
         remedy = "the frame's turn about this line; add some in which one {actuator} is {inflated}"

@@ -87,6 +87,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         pressure=pressure,
         used=highest_of_trial(trial, pressure) > USED * pressure.max(initial=0.0),
         deflection=np.where(stiffness, _numbers(columns, "deflection", 0.0, n), 0.0),
+        unread=_numbers(columns, "unread", 0.0, n) > 0,
         channels=observed,
     )
 

@@ -147,14 +147,17 @@ class ForwardModel:
         """
         self._steps: Ints | None
         self._start: SolvedRods | None
-        full, rest_of = with_rest(design)
         self.scales = sized or scales(robot, design.pressure, design.pace)
+        full, rest_of = with_rest(design)
+        path, rests = loading_path(design, rest_of), np.arange(len(full)) >= len(design)
+        order = np.lexsort((full.unread, rests))  # states that were read, those that were not, rests
+        place, full, design = np.argsort(order), full[order], design[~design.unread]
+        self._path = replace(path, before=place[path.before], after=place[path.after])
         catalogue = {id: spec.of(self.scales) for id, spec in catalogue.items()}
         self._vary(
             robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, self.scales, robot.uncertainty.stated)
         )
         self._every_law = every_law
-        self._path = loading_path(design, rest_of)
         of_robot = ~design.stiffness
         factor = robot.area_factor_at(full.spine_length)
         if area_factor is not None:
@@ -332,7 +335,8 @@ class ForwardModel:
 
     def observe(self, columns: Columns) -> Array:
         """Measured values of a table with the design's rows, in the order of `labels`; NaN for a cell that was not measured."""
-        return measured(self.observations, columns)
+        read = np.isin(columns["unread"], 0) if "unread" in columns else slice(None)
+        return measured(self.observations, {name: column[read] for name, column in columns.items()})
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Prediction (observations,) and its derivative (observations, p) by the parameters, in their units.

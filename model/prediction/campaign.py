@@ -20,7 +20,7 @@ from model.robot import Robot
 
 ASKED = (
     "trial", "protocol", "repeat", "branch", "t", "rate", "hold", "spine_length", "vacuum", "tip_mass", "roll_deg",
-    "force_x", "force_y", "force_z", "tip_moment_x", "tip_moment_y", "tip_moment_z",
+    "force_x", "force_y", "force_z", "tip_moment_x", "tip_moment_y", "tip_moment_z", "unread",
 )  # fmt: skip
 """Columns, besides the pressures, that say what was done to the robot."""
 

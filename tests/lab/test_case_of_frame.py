@@ -86,7 +86,8 @@ def test_rows_that_lack_a_value_are_left_out_and_named(small_case: Path) -> None
     frame = case.table.to_frame()
     frame.loc[[3, 5], "p1"], frame.loc[7, ["x", "y", "z"]] = pd.NA, np.nan
     kept = lab.case(frame, case.robot).table
-    assert len(kept) == len(case.table) - 3 and "3 of 14 rows are left out, first index 3: no value for p1" in kept.warnings[0]
+    assert len(kept) == len(case.table) - 2 and "2 of 14 rows are left out, first index 3: no value for p1" in kept.warnings[0]
+    assert kept.unread.sum() == 1 and "1 of 12 states have no tip" in kept.warnings[-1]
     with pytest.warns(match=r"2 of 14 rows have no pressure \(first: index 3\)") as told:
         mapped = lab.case(frame.drop(columns="step"), case.robot, columns={"p1": "p1"}).table
     assert len(mapped) == len(kept) and {Path(w.filename) for w in told} == {Path(__file__)}
