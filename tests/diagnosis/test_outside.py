@@ -12,6 +12,7 @@ from diagnosis.answer.decision import Decision, Verdict
 from diagnosis.answer.experiments import propose
 from diagnosis.answer.result import Proposal, Value
 from diagnosis.answer.size import places_found
+from diagnosis.arrays import rms
 from diagnosis.criticism.gaussian import Gaussian, outlier_trial
 from diagnosis.criticism.outside import fit_relative, log_weight_of, related
 from diagnosis.criticism.relatives import RELATIVES, named_places, relatives, walls
@@ -265,10 +266,6 @@ def test_one_bad_trial_is_named() -> None:
 
 
 LENGTH = np.repeat(np.round(GRID.length / 0.05).astype(np.int64), 3)
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def fitted(problem: Problem, named: tuple[str, ...], spike: float, size: float) -> Model:
