@@ -1,7 +1,7 @@
 """Causes outside the catalogue: what relatives explain, errors of a stage, misfits, and prediction of unseen values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -38,16 +38,7 @@ from tests.diagnosis.test_case import ROBOT, Measured, case, row, sweep
 from tests.diagnosis.toy import MM, ROBOT_LENGTH, Array, Grid, toy_problem
 from tests.model.effects.campaigns import Moved
 
-
-@dataclass(frozen=True)
-class Tried:
-    """A hypothesis and its log evidence."""
-
-    named: Hypothesis
-    log_evidence: float
-
-
-KNOWN = (Tried((), 90.0), Tried(("marker_offset",), 100.0))
+KNOWN = [SimpleNamespace(named=h, log_evidence=z) for h, z in (((), 90.0), (("marker_offset",), 100.0))]
 SCALE = Related("camera_scale", (), 100.0)
 LEAST = SAME_ODDS + FREE_FORM_ODDS
 
