@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.data.case import Case
-from diagnosis.diagnose import Examined, Options, diagnose, examine
+from diagnosis.diagnose import Examined, Options, examine
 from diagnosis.inference.prepare import table_columns
 from model.effects import CATALOGUE, EffectSpec
 from model.robot import Robot
@@ -57,20 +56,15 @@ def campaign() -> Measured:
 
 def answer(catalogue: Catalogue) -> Diagnosis:
     """All that a diagnosis computes of that campaign; once for each catalogue."""
-    return _answer(catalogue is CATALOGUE)
+    return examined_once(campaign(), Options(catalogue=catalogue)).diagnosis
 
 
 EXAMINED: dict[str, Examined] = {}
 
 
 def examined_once(case: Case, options: Options) -> Examined:
-    """`examine` for tests that begin with the same campaign and the same options: once for each table."""
-    rows = repr(case.table.rows)
-    if rows not in EXAMINED:
-        EXAMINED[rows] = examine(case, options)
-    return EXAMINED[rows]
-
-
-@cache
-def _answer(every: bool) -> Diagnosis:
-    return diagnose(campaign(), Options(catalogue=CATALOGUE if every else SOME))
+    """`examine` for tests that begin with the same campaign and the same options: once for each table and catalogue."""
+    key = repr((case.table.rows, [*options.catalogue]))
+    if key not in EXAMINED:
+        EXAMINED[key] = examine(case, options)
+    return EXAMINED[key]

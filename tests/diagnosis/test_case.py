@@ -1,25 +1,20 @@
 """What a table can be asked, and what it is refused for."""
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from diagnosis.data.case import Case as Measured
 from diagnosis.data.case import states
 from diagnosis.data.levels import levels, pressure_gap
 from diagnosis.errors import BadCase
-from model.robot import Robot, load_robot
+from model.robot import load_robot
 from recordings.trials import Table, TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples" / "paper" / "robot.yaml")
-
-
-@dataclass(frozen=True)
-class Measured:
-    robot: Robot
-    table: Table
 
 
 def row(trial: int, step: int, length: float, pressure: float, branch: str = "load", repeat: int = 1) -> TrialRow:

@@ -180,11 +180,8 @@ def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
     found = diagnose(case, quick({name: CATALOGUE[name] for name in names})).attribute
     assert found.effects == ("pressure_lag",) and found.probability > 0.9
     assert found.ranking[0].parameters["pressure_lag.constant"].value == pytest.approx(2.0, abs=0.1)
-    unknown, named, words = (
-        np.full(len(case.table), np.nan),
-        [CATALOGUE[e] for e in (*names, "time_offset")],
-        ROBOT.actuators.words,
-    )
+    unknown, words = np.full(len(case.table), np.nan), ROBOT.actuators.words
+    named = [CATALOGUE[e] for e in (*names, "time_offset")]
     ramps = np.abs(np.diff(case.table.pressures, axis=0, prepend=0.0)).max(axis=1) / 10e3
     bare = case.table.replaced({"rate": unknown, "t": np.cumsum(case.table["hold"] + ramps)})
     pauses = bare.replaced({"t": bare["t"] + np.cumsum(5.0 * (np.arange(len(bare)) % 4))})

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from diagnosis.answer.experiments import columns
-from diagnosis.answer.result import Diagnosis, Proposal
+from diagnosis.answer.result import Proposal
 from diagnosis.diagnose import Options
 from diagnosis.investigate import NotDone, Predicted, Round, bits_gained, investigate, settled
 from diagnosis.judgement import CERTAIN, DOUBTED_PROBABILITY
@@ -143,20 +142,14 @@ def test_what_no_rival_predicted_is_told(start: Measured) -> None:
     ("effect", CERTAIN, True), ("none", 0.99, True), ("effect", 0.94, False), ("unknown", 0.99, False),
 ])  # fmt: skip
 def test_settled_is_a_known_answer_of_high_probability(verdict: str, p: float, is_settled: bool) -> None:
-    d = _answer()
+    d = examined_once(loading(1), OPTIONS).diagnosis
     assert settled(replace(d, attribute=replace(d.attribute, verdict=verdict, probability=p))) == is_settled  # type: ignore[arg-type]
 
 
 def test_bits_are_those_from_one_ranking_to_the_next() -> None:
-    d = _answer()
+    d = examined_once(loading(1), OPTIONS).diagnosis
     first, second = d.attribute.ranking[:2]
     even = replace(d.attribute, ranking=(replace(first, probability=0.5), replace(second, probability=0.5)))
     sure = replace(d.attribute, ranking=(replace(first, probability=1.0), replace(second, probability=0.0)))
     assert bits_gained(replace(d, attribute=even), replace(d, attribute=sure)) == pytest.approx(1.0)
     assert bits_gained(d, d) == pytest.approx(0.0, abs=1e-9)
-
-
-@cache
-def _answer() -> Diagnosis:
-    start = loading(1)
-    return investigate(start, Made(start), OPTIONS, 0.0, 0).answer

@@ -1,7 +1,7 @@
 """Causes outside the catalogue: what relatives explain, errors of a stage, misfits, and prediction of unseen values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +12,7 @@ from diagnosis.answer.decision import Decision, Verdict
 from diagnosis.answer.experiments import propose
 from diagnosis.answer.result import Proposal, Value
 from diagnosis.answer.size import places_found
+from diagnosis.arrays import rms
 from diagnosis.criticism.gaussian import Gaussian, outlier_trial
 from diagnosis.criticism.outside import fit_relative, log_weight_of, related
 from diagnosis.criticism.relatives import RELATIVES, named_places, relatives, walls
@@ -37,16 +38,7 @@ from tests.diagnosis.test_case import ROBOT, Measured, case, row, sweep
 from tests.diagnosis.toy import MM, ROBOT_LENGTH, Array, Grid, toy_problem
 from tests.model.effects.campaigns import Moved
 
-
-@dataclass(frozen=True)
-class Tried:
-    """A hypothesis and its log evidence."""
-
-    named: Hypothesis
-    log_evidence: float
-
-
-KNOWN = (Tried((), 90.0), Tried(("marker_offset",), 100.0))
+KNOWN = [SimpleNamespace(named=h, log_evidence=z) for h, z in (((), 90.0), (("marker_offset",), 100.0))]
 SCALE = Related("camera_scale", (), 100.0)
 LEAST = SAME_ODDS + FREE_FORM_ODDS
 
@@ -265,10 +257,6 @@ def test_one_bad_trial_is_named() -> None:
 
 
 LENGTH = np.repeat(np.round(GRID.length / 0.05).astype(np.int64), 3)
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def fitted(problem: Problem, named: tuple[str, ...], spike: float, size: float) -> Model:

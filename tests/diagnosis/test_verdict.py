@@ -63,18 +63,15 @@ def weighed(**p: float) -> EffectPosterior:
     return EffectPosterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
 
 
-Errors = tuple[StageError, ...]
-
-
 def answer(a: Attribute) -> Diagnosis:
     detail = {"names": NAMES, "best_hypothesis": ["base_tilt"], "misfit": {"outlier_trial": None}}
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in a.effects)
     return replace(ANSWER, locate=WHERE, attribute=a, detail=detail, budget=budget)
 
 
-def facts(posterior: EffectPosterior, enough: bool = True, gap: bool = True, asking: Errors = MATERIAL) -> Diagnosis:
-    d = decide(posterior, enough)
-    return answer(Attribute(**vars(d), stage_errors=asking, conclusion=conclude(d, gap, asking), rivals=rivals(d, posterior)))
+def facts(p: EffectPosterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL) -> Diagnosis:
+    d = decide(p, enough)
+    return answer(Attribute(**vars(d), stage_errors=asking, conclusion=conclude(d, gap, asking), rivals=rivals(d, p)))
 
 
 def attributed(d: Diagnosis, **changed: object) -> Diagnosis:

@@ -50,8 +50,6 @@ SIMULATOR = Euler
 """
 """A simulator of a person's own."""
 
-Effects = Mapping[str, float]
-
 
 @dataclass(frozen=True)
 class Answered:
@@ -68,7 +66,7 @@ class Answered:
 
 
 def campaign(
-    effects: Effects,
+    effects: Mapping[str, float],
     seed: int = 1,
     repeats: int = 3,
     lengths: Sequence[float] = LENGTHS,

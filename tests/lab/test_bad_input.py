@@ -23,10 +23,8 @@ from lab.rig.assembly import newly_lost
 from recordings.table_file import read_csv
 from tests.recordings.synthetic_run import OLD
 
-Change = Callable[[dict[str, Any]], object]
 
-
-def changed(virtual_lab: VirtualLab, folder: Path, change: Change) -> Path:
+def changed(virtual_lab: VirtualLab, folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
     """A copy of the rig file with one thing wrong."""
     file = copy.deepcopy(virtual_lab.fakes.rig_file())
     change(file)

@@ -18,7 +18,6 @@ from recordings.states.concluding import conclude
 from recordings.states.rules import Settled, State, Window
 
 Message = tuple[str, float, tuple[object, ...]]
-Change = Callable[[str, int, McapMessage], None]
 STREAMS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm")
 OLD = Path(__file__).parent / "data" / "bending-schema-1.mcap"
 """A recording of schema version 1, kept since."""
@@ -118,7 +117,7 @@ def state(**changes: Any) -> State:
 def rewritten(
     source: Path,
     target: Path,
-    change: Change = lambda topic, number, message: None,
+    change: Callable[[str, int, McapMessage], None] = lambda topic, number, message: None,
     topics: Iterable[str] | None = None,
     seed: int | None = None,
     metadata: dict[str, dict[str, str]] | None = None,
