@@ -199,11 +199,12 @@ def floor_of(
     predictors = [np.hstack([read, read**2])[:, None, :].repeat(len(names), axis=1), modelled]
     # a coefficient of their own in each channel
     each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
-    regular = each.reshape(len(each), len(names), -1)
-    as_read = replace(data, residual=grid(observed)[complete], drift=np.concatenate([data.drift, regular], axis=2))
     if not noise.contrasts:
         return noise, _usual(noise), _usual(noise)
-    return noise, reading_rms(data, tips), reading_rms(as_read, tips)
+    regular = (of.reshape(len(each), len(names), -1) for of in (each, each[..., :-1]))  # with what is explained and without
+    drifts = (np.concatenate([data.drift, of], axis=2) for of in regular)
+    as_read = [replace(data, residual=grid(observed)[complete], drift=drift) for drift in drifts]
+    return noise, reading_rms(data, tips), min(reading_rms(of, tips) for of in as_read)
 
 
 def _explained(infos: Sequence[ParameterInfo], kind: Ints, missed: Array, slope: Columns) -> Array:
