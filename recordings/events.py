@@ -223,9 +223,7 @@ def bounded(text: str) -> str:
 
 def encode_log(log_time: int, level: str, text: str, name: str) -> bytes:
     """`log_time` ns since the epoch, `level` one of `LEVELS`."""
-    message = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
-    message.timestamp.FromNanoseconds(log_time)
-    return message.SerializeToString()
+    return _stamped(Log(level=Log.Level.Value(level.upper()), message=text, name=name), log_time)
 
 
 # -- and back

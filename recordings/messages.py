@@ -215,11 +215,10 @@ class MessageType:
             return False
         return all(bool((raw[:, at : at + len(c)] == np.frombuffer(c, np.uint8)).all()) for at, c in self.constants)
 
-    def decode(self, raw: bytes | NDArray[np.uint8], out: NDArray[np.void] | None = None) -> NDArray[np.void]:
-        """Messages laid end to end -> structured array of `dtype`, or into `out`. Call `fits` first on foreign bytes."""
+    def decode(self, raw: bytes | NDArray[np.uint8]) -> NDArray[np.void]:
+        """Messages laid end to end -> structured array of `dtype`. Call `fits` first on foreign bytes."""
         wire = np.frombuffer(raw, self.wire_dtype)
-        if out is None:
-            out = np.zeros(len(wire), self.dtype)
+        out = np.zeros(len(wire), self.dtype)
         for _, field in self._parts:
             out[field.name] = wire[field.name]
         return out

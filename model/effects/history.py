@@ -157,10 +157,6 @@ class History:
         """Add to `rest`, broadcasting over variants."""
         self.rest = self.rest + amount
 
-    def lag(self, time: float) -> Array:
-        """(v, n, DRIVES) drive minus what follows it with relaxation time (s)."""
-        return self.path.lag(self.drive, time)
-
     def extremes(self, rate: Array) -> Array:
         """(v, n, DRIVES) see `Path.extremes`, of this drive, fading at `rate` (v, 1) 1/s."""
         q = self.quantities

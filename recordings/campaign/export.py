@@ -22,8 +22,6 @@ from ..table_file import write_csv
 from ..trials import COLUMNS, Table
 from .replay import table_of
 
-Columns = dict[str, NDArray[Any]]
-
 
 def export_streams(recording: Recording, folder: str | os.PathLike[str]) -> list[Path]:
     """Write each stream that has samples to `<stream>.csv`; returns the files.
@@ -51,8 +49,11 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str]) -> list
     names = ("file", "column", "unit", "meaning")
     tables["columns"] = {name: np.array([row[k] for row in meanings], np.str_) for k, name in enumerate(names)}
     written = [folder / f"{stem}.csv" for stem in tables]
+    import pandas  # a second, which recording does not need
+
     for columns, path in zip(tables.values(), written, strict=True):
-        _write(columns, path)
+        with replacing(path) as (file, _):
+            pandas.DataFrame(columns).to_csv(file, index=False, na_rep="nan", lineterminator="\n", mode="wb")
     if len(table):
         write_csv(table, folder / "trials.csv")
         written.insert(-1, folder / "trials.csv")
@@ -110,13 +111,6 @@ def _meaning(column: str) -> str:
 
 def _stem(topic: str) -> str:
     return topic.strip("/").replace("/", "_")
-
-
-def _write(columns: Columns, path: Path) -> None:
-    import pandas  # a second, which recording does not need
-
-    with replacing(path) as (file, _):
-        pandas.DataFrame(columns).to_csv(file, index=False, na_rep="nan", lineterminator="\n", mode="wb")
 
 
 def export_case(recording: Recording, folder: str | os.PathLike[str], table: Table | None = None) -> Path:

@@ -152,7 +152,7 @@ def _read_again(streams: _Passing | _Counted, average: Callable[[int], None], ev
 def replay_states(recording: Recording) -> list[Replayed]:
     """Read every recorded state again from the file's samples, in one pass over the file."""
     recording.need(events.STATE.topic, events.TRIAL.topic)
-    recording.demand_version(events.STATE)
+    recording.demand_version(events.STATE.topic)
     streams, waiting, read = _Passing(recording), list[StateEvent](), dict[StateEvent, Replayed]()
     for stretch in recording.sweep(streams.faults):
         waiting += recording.read_events(events.STATE, stretch.events.get(events.STATE.topic, []))

@@ -247,8 +247,7 @@ class Recording:
         times, payloads = dict[int, list[NDArray[np.void]]](), dict[int, list[bytes]]()
         for topic in self.streams:
             try:
-                channel = self._channel(topic)
-                check_version(channel, str(self.path))
+                channel = self.demand_version(topic)
                 layouts[channel.id] = self._message(channel)
             except RecordingError as error:
                 faults[topic] = error
@@ -382,9 +381,9 @@ class Recording:
         return message_of(channel, self.contents.schemas.get(channel.schema_id), str(self.path))
 
     # -- events
-    def demand_version(self, event: EventType) -> Channel:
-        """The channel of an event; raises `OtherVersion`, or `NotARecording` where several carry it."""
-        channel = self._channel(event.topic)
+    def demand_version(self, topic: str) -> Channel:
+        """The channel of a topic; raises `OtherVersion`, or `NotARecording` where several carry it."""
+        channel = self._channel(topic)
         check_version(channel, str(self.path))
         return channel
 
@@ -397,7 +396,7 @@ class Recording:
         """(log time ns, bytes of the message) of an event's topic by log time; none when the file has no such topic."""
         if not self.knows(event.topic):
             return []
-        channel = self.demand_version(event)
+        channel = self.demand_version(event.topic)
         self._need(channel)
         log_times, payloads = self._times_of(channel.id)["log"].tolist(), self._payloads.get(channel.id, [])
         return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]

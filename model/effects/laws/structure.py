@@ -43,7 +43,7 @@ def _viscoelastic(h: History, v: Values) -> None:
     """A Zener solid, to first order in the amplitude: what has not yet relaxed is missing from curvature and strain."""
     share = h.silicone + v["spine"][..., None] * (1 - h.silicone)
     for name, time in RELAXATION_TIMES.items():
-        h.add(-v[name][..., None] * share * h.lag(time * h.quantities.scales.time))
+        h.add(-v[name][..., None] * share * h.path.lag(h.drive, time * h.quantities.scales.time))
 
 
 def _rest_shape(h: History, v: Values) -> None:

@@ -72,7 +72,8 @@ def test_a_trial_without_a_state_of_rest_gets_one(paper_robot: Robot) -> None:
 
 def test_what_follows_late_lags_a_ramp_by_its_closed_form(paper_robot: Robot) -> None:
     columns = campaign(lengths=(0.1,), levels=(100e3,), rate=25e3, hold=3.0)
-    lag = history(paper_robot, columns, [0.0, 2.0, 0.0]).lag(5.0)[0, :, 0]
+    h = history(paper_robot, columns, [0.0, 2.0, 0.0])
+    lag = h.path.lag(h.drive, 5.0)[0, :, 0]
     # A ramp to 2 within 4 s, then 3 s at rest: z' = (x - z) / 5 s.
     at_top = 2.0 / 4.0 * 5.0 * (1 - np.exp(-4.0 / 5.0))
     assert lag[1] == pytest.approx(at_top * np.exp(-3.0 / 5.0))
