@@ -223,8 +223,7 @@ def found_of(folder: Path) -> RunState:
         broken = find(journal)
         last = there(journal.parent / progress.recordings[-1][0])
         metadata = {} if last is None else Recording.open(last, truncated=True).metadata
-        counts = counted({"counts": metadata.get("counts", {})}).values()
-        lost = sum((c.get("lost") or 0) + (c.get("dropped") or 0) for c in counts)
+        lost = sum(c.get("lost", 0) + c.get("dropped", 0) for c in counted(metadata).values())
         return RunState(broken, metadata.get("outcome", {}).get("outcome") == "completed", lost)
     return RunState(None)
 

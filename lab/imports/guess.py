@@ -23,7 +23,9 @@ from .clock import MANY, unit_of_steps
 from .columns import is_missing
 from .guess_tip import changes_throughout, guess_angles, guess_quaternion, guess_tip, proposed_pressures
 from .headings import (
+    ASKED_FOR,
     ELECTRIC,
+    READ,
     WORDS_OF_BRANCH,
     Heading,
     chamber,
@@ -105,7 +107,7 @@ def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dic
     if named:
         return named
     if robot.tendons is None:  # set1, act1 ..: what was asked for or read, and nothing says of what
-        bare = {h.name: n for h in headings if h.name in series.numbers and not h.stated and h.asked_for | h.read
+        bare = {h.name: n for h in headings if h.name in series.numbers and not h.stated and h.says(ASKED_FOR | READ)
                 and (n := chamber(replace(h, kind="Pa"))) is not None}  # fmt: skip
         return bare if len({*bare.values()}) == len(robot.actuators.azimuths_deg) > 1 else {}
     forces = {name for t in triples(headings) for name in t.columns}
@@ -121,7 +123,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     """Propose column and unit of each chamber or tendon; return the columns used, in order. Raises ConfigError without any."""
     actuator_of = _actuators(series, headings, robot)
     by_name = {h.name: h for h in headings}
-    measured = {name: n for name, n in actuator_of.items() if not by_name[name].asked_for}
+    measured = {name: n for name, n in actuator_of.items() if not by_name[name].says(ASKED_FOR)}
     chosen = measured or actuator_of
     wanted, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     first_of = {number: name for name, number in reversed(chosen.items())}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -103,15 +103,9 @@ class Heading:
     stated: str = ""
     """The stated unit, in brackets or elsewhere in the file, even if it is unknown here."""
 
-    @property
-    def asked_for(self) -> bool:
-        """A set-point rather than a reading."""
-        return any(w.rstrip("0123456789") in ASKED_FOR for w in self.words)
-
-    @property
-    def read(self) -> bool:
-        """A reading, as it says."""
-        return any(w.rstrip("0123456789") in READ for w in self.words)
+    def says(self, words: Container[str]) -> bool:
+        """Whether a word of it, numbers aside, is one of these: a set-point with `ASKED_FOR`, a reading with `READ`."""
+        return any(w.rstrip("0123456789") in words for w in self.words)
 
 
 def unit_named(text: str) -> tuple[str, str] | None:

@@ -39,7 +39,7 @@ from ..files.map_file import Frame, Map, Name, named, units_for
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
-from .headings import heading, quantity, tendon
+from .headings import ASKED_FOR, heading, quantity, tendon
 from .joining import in_time, lag
 from .places import at_rest_by_model, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
@@ -321,7 +321,7 @@ def _unused_loads(series: Series, wanted: Map) -> Iterator[str]:
     for name in () if used is None else series.numbers.keys() - used:
         of, set_to = heading(name, series.units.get(name, "")), np.unique(np.nan_to_num(series.numbers[name]))
         key = "tip_mass" if quantity(of) == "tip_mass" or of.kind == "kg" else "force_z" if of.kind == "N" else ""
-        stated = key in {*wanted.columns, *wanted.constants} or of.asked_for or tendon(of) is not None
+        stated = key in {*wanted.columns, *wanted.constants} or of.says(ASKED_FOR) or tendon(of) is not None
         if key and not stated and len(set_to) <= MOST_LOADS and set_to.any():
             unit, axis = f", unit: {of.unit}" * bool(of.unit), " (or force_x, force_y)" * (key != "tip_mass")
             yield f"column {name!r} is not used: if it loads the tip, write `{key}: {{column: {name}{unit}}}`{axis} under columns"
