@@ -108,8 +108,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
     location = locate(causes)
     unseen = predict_unseen()
     follows_law = causes.decision.verdict != "unknown"
-    shrunk = unseen.shrink
-    closed = shrunk.share_closed if shrunk is not None else None
+    closed = None if (shrunk := unseen.shrink) is None else shrunk.share_closed
     decision = behaves_like(causes.decision, causes.best.named, causes.posterior, closed)
     if shrunk is not None and shrunk.after_mm > judgement.LEFT_FLOORS * shrunk.floor_mm:
         decision = capped(decision, closed)
@@ -142,8 +141,8 @@ def examine(case: Case, options: Options | None = None) -> Examined:
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(causes, decision=doubted(causes.decision, (*reasons, *unsettled), len(alone)))
-    unknown = causes.decision.verdict == "unknown"
-    too_far = partial(sentences.beyond_tolerance, prepared, causes.best.fit, edited.robot, unknown=unknown)
+    too_far = partial(sentences.beyond_tolerance, prepared, causes.best.fit, edited.robot)
+    stated = {} if causes.decision.verdict == "unknown" else tense  # a cause that is not known moves them, too
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),
@@ -159,7 +158,7 @@ def examine(case: Case, options: Options | None = None) -> Examined:
             *far,
             *sentences.to_look_at(prepared, {size.name: size for size in named_sizes}),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
-            *(too_far(moved, fit, sentences.within_with_effect(causes, moved, names)) for fit, moved in tense.items()),
+            *(too_far(moved, fit, sentences.within_with_effect(causes, moved, names)) for fit, moved in stated.items()),
             *sentences.scatter(prepared, location.noise_floor_mm),
             *sentences.ramps_assumed(edited.states, [options.catalogue[e] for e in causes.decision.effects], words),
             *(finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain) for e in own_errors),

@@ -79,10 +79,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
     },
     "warning": {
-        "beyond_stands_in": (
-            "{fit} moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. They may "
-            "stand in for a cause that is not in the catalogue: measure again only what you doubt"
-        ),
         "as_read": "{text}",
         "one_spine_length": (
             "only one spine length: effects of the spine cannot be distinguished from those of the body; record at least two "

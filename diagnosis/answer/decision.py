@@ -89,12 +89,12 @@ def outside_at_most(d: Decision, probability: float) -> Decision:
 
 
 def capped(d: Decision, closed: float | None) -> Decision:
-    """The decision to name effects in doubt: no more probable than the share of the gap that they close on unseen states
-    (`closed`; None: not known). A cause outside the catalogue is more probable than effects that do not explain it."""
+    """The decision to name effects, no more probable than the share `closed` (None: not known) of the gap that they close on
+    unseen states: a cause outside the catalogue is more probable than effects that do not explain it."""
     if d.verdict != "effect" or closed is None or closed >= d.probability:
         return d
-    closing = replace(d, probability=closed, outside=1 - closed, limited=False)
-    return closing if closed >= judgement.EXPLAINS else outside_at_most(d, 1 - closed)
+    explains = closed >= judgement.EXPLAINS
+    return replace(d, probability=closed, outside=1 - closed, limited=False) if explains else outside_at_most(d, 1 - closed)
 
 
 def share_closed(before: float, after: float, floor: float) -> float | None:

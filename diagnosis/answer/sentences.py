@@ -121,7 +121,7 @@ def _others(d: Diagnosis) -> str:
 
 
 def _gap(d: Diagnosis) -> str:
-    """How far the model misses the measurements, in mm rms, before and after calibration, and the noise floor."""
+    """How far the model misses the measurements, in mm rms, before and after calibration, what this moves, and the noise floor."""
     what, digits = _what(d)
     model = "the model" if d.simulator is None else d.simulator.name
     floor = f"the noise floor is {d.locate.noise_floor_mm:.{digits}f} mm"
@@ -135,13 +135,11 @@ def _gap(d: Diagnosis) -> str:
     no_better = d.attribute.conclusion != "noise" and calibrated >= w.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
-    # beside a cause, for which the set-up may stand in, what is farther off, and not to be measured again
-    stands_in = d.fitted is not None or d.attribute.verdict == "unknown"
-    least, again = (judgement.TENSE_SD, "") if stands_in else (judgement.BEYOND_SD, ": measure again")
-    far = [] if d.calibration is None else [s for s in d.calibration.set_up if s.value > least * s.sd]
+    moved = d.calibration.set_up if d.calibration is not None and d.fitted is None else ()
+    far = [s for s in moved if s.value > judgement.BEYOND_SD * s.sd]
     each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in far[:MOST_NUMBERS]]
     each += [counted(len(far) - MOST_NUMBERS, "more number")] * (len(far) > MOST_NUMBERS)
-    set_up = f" ({'; '.join(each)}{again})" if each else ""
+    set_up = f" ({'; '.join(each)}{': measure again' * (d.attribute.verdict == 'none')})" if each else ""
     on_walls = " but with `thrust: walls`" * any(f.code in ("thrust_settled", "thrust_likely") for f in d.findings)
     return (
         f"Uncalibrated{on_walls}, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
@@ -268,12 +266,10 @@ MOST_NUMBERS = 6
 
 
 def beyond_tolerance(
-    p: Prepared, fit: Fit, robot: Robot, moved: Mapping[int, float], name: str = "the fit", instead: Iterable[Finding] = (),
-    unknown: bool = False,
-) -> Finding:  # fmt: skip
+    p: Prepared, fit: Fit, robot: Robot, moved: Mapping[int, float], name: str = "the fit", instead: Iterable[Finding] = ()
+) -> Finding:
     """The finding on `numbers_beyond`, and on those that the readings hardly tell apart at a fit: their variance inflation
-    factors in the least squares of all of them are above `HARDLY_APART`; `instead`: what else it may be; `unknown`: the cause is
-    outside the catalogue, so that they may be its symptoms."""
+    factors in the least squares of all of them are above `HARDLY_APART`; `instead`: what else it may be."""
     farthest = sorted(moved, key=lambda i: -abs(moved[i]) / p.problem.parameters.sd[i])[:MOST_NUMBERS]
     more = [counted(len(moved) - len(farthest), "more number")] * (len(moved) > len(farthest))
     moved = {i: value for i, value in moved.items() if i in farthest}
@@ -284,8 +280,6 @@ def beyond_tolerance(
     alike = [number.values["name"] for number, factor in zip(numbers, inflation, strict=True) if factor > judgement.HARDLY_APART]
     named = "these" if len(alike) == len(numbers) else " and ".join(filter(None, (", ".join(alike[:-1]), *alike[-1:])))
     together = [finding("known_together", names=named)] if alike else []
-    if unknown:
-        return finding("beyond_stands_in", fit=name, numbers=[*numbers, *more, *together, *instead])
     return finding("beyond_tolerance", fit=name, numbers=[*numbers, *more, *together, *instead])
 
 

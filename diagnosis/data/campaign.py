@@ -42,8 +42,8 @@ class Campaign:
 
     def take(self, rows: Mask) -> Campaign:
         """The states picked by a mask."""
-        of_states = self.trials.take(rows), self.row[rows], self.condition[rows], self.kind[rows]
-        return Campaign(*of_states, self.pressure_gap, self.history)
+        row, condition, kind = (of_states[rows] for of_states in (self.row, self.condition, self.kind))
+        return Campaign(self.trials.take(rows), row, condition, kind, self.pressure_gap, self.history)
 
     pushed = cached_property[Mask](lambda s: s.trials.pushed)
     """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""

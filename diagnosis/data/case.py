@@ -68,12 +68,8 @@ def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
     of_pushes = by_frequency(of_body(pushes).astype(np.int64), levels(pushes.get("vacuum", 0.0), VACUUM_GAP))
     kinds = np.concatenate([_kinds(s.take(~s.pushed)), of_pushes])
     s = replace(s, kind=distinct(s.pushed, kinds))
-    for by_hold in (True, False):  # of a sweep made once at each of several paces, settings are repeats, though held otherwise
-        found = np.concatenate([_conditions(s.take(~s.pushed), by_hold), _conditions_of_pushes(s.take(s.pushed))])
-        s = replace(s, condition=distinct(s.pushed, found))
-        if not len(s) or s.repeats >= 2:
-            break
-    return s
+    found = np.concatenate([_conditions(s.take(~s.pushed)), _conditions_of_pushes(s.take(s.pushed))])
+    return replace(s, condition=distinct(s.pushed, found))
 
 
 def finite(trials: Table) -> Mask:
@@ -81,12 +77,14 @@ def finite(trials: Table) -> Mask:
     return np.asarray(np.isfinite(np.column_stack([trials.tip, trials.spine_length, trials.pressures])).all(axis=1))
 
 
-def _conditions(s: Campaign, by_hold: bool) -> Ints:
-    """(n,) number of each state's condition: spine length, pressures, branch, kind and, `by_hold`, hold."""
+def _conditions(s: Campaign) -> Ints:
+    """(n,) number of each state's condition: spine length, pressures, branch, kind and hold."""
     # settled readings take varying times; holds of 2, 5 and 10 s were meant to differ
-    hold = levels(by_hold * np.log1p(s.trials.get("hold", 0.0)), 0.4)
+    hold = levels(np.log1p(s.trials.get("hold", 0.0)), 0.4)
     level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
-    found = distinct(levels(s.spine_length, SPINE_GAP), level, branch, s.kind, hold)
+    settings_alone = distinct(levels(s.spine_length, SPINE_GAP), level, branch, s.kind)
+    found = distinct(settings_alone, hold)  # but not where most were read once at each of several paces
+    found = found if not len(s) or np.median(np.bincount(found)[found]) >= 2 else settings_alone
     settings = np.zeros(s.pressure.shape, np.int64)
     for own in (found == c for c in np.unique(found)):
         # chambers that differ by more were set otherwise, whatever the highest pressure is

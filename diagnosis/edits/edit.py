@@ -90,7 +90,7 @@ class Variants:
         return replace(self, tip=self.tip + shift, markers=self.markers + shift[:, :, None])
 
     def levered(self, sign: float) -> Variants:
-        """The tip moved by +-1 times the map's `sensor`, which turns with it: 1 leads to the tracked point."""
+        """The tip moved by +-1 times the map's `sensor`, which turns with it: 1 leads to the tracked point that edits act on."""
         sensor = np.array(Mapped.sensor if self.table.mapped is None else self.table.mapped.sensor)
         turn = np.where(np.isfinite(self.orientation), self.orientation, NO_MOUNT)
         return replace(self, tip=self.tip + sign * to_base(turn, sensor)) if sensor.any() else self
@@ -216,10 +216,6 @@ class Edit:
     """Whether the diagnosis names it, so that nothing is changed."""
     of_this_campaign: bool = False
     """Whether another campaign on the robot is without it."""
-
-    def made(self, v: Variants, own: Array) -> Variants:
-        """Variants without the mistake: `apply` acts on the points of the file, before its `sensor` moved them back."""
-        return self.apply(v.levered(1.0), own).levered(-1.0)
 
     def findings(self, robot: Robot, theta: Array, own: Array, p: float = 0.0, rather: str = "") -> list[Finding]:
         """State it, with its probability and, at the end, what else it may be (text); empty where nothing is changed."""

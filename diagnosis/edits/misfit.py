@@ -164,10 +164,10 @@ class Sample:
         for _, alike in groupby(hypotheses, key=lambda hypothesis: id(hypothesis[0])):  # the same edits from several starts
             every, parameters = zip(*alike, strict=True)
             x = np.concatenate(parameters)
-            one, at, own = made.take(slice(at, at + len(x))), at + len(x), len(CALIBRATION)
+            one, at, own = made.take(slice(at, at + len(x))).levered(1.0), at + len(x), len(CALIBRATION)
             for edit in every[0]:
-                one, own = edit.made(one, x[:, own : own + len(edit.bounds)]), own + len(edit.bounds)
-            out.append(one)
+                one, own = edit.apply(one, x[:, own : own + len(edit.bounds)]), own + len(edit.bounds)
+            out.append(one.levered(-1.0))
         return Variants.stacked(out)
 
     def axes(self, v: Variants, arcs: Array) -> tuple[Solution, Stations]:

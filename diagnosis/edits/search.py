@@ -215,10 +215,10 @@ def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
 
 def corrected(robot: Robot, table: Table, fit: Fit, theta: Array, left_out: Collection[str] = ()) -> tuple[Robot, Table]:
     """Robot and table with calibrations theta (8,) and the mistakes of a fit, but for those of the kinds `left_out`."""
-    made = Variants.of(robot, table).calibrated(theta[None])
+    made = Variants.of(robot, table).calibrated(theta[None]).levered(1.0)
     for edit, own in mistakes(robot, fit):
-        made = made if edit.kind in left_out else edit.made(made, own[None])
-    return made.written()
+        made = made if edit.kind in left_out else edit.apply(made, own[None])
+    return made.levered(-1.0).written()
 
 
 def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Collection[str]) -> Edited:
@@ -249,7 +249,7 @@ def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
     every = np.arange(len(robot.actuators.azimuths_deg))
     numbered = Table({name: np.array([float(k)]) for k, name in enumerate(pressure_columns(len(every)))})
     azimuth = (theta * (np.arange(8) == AZIMUTH))[None]
-    made = edit.made(Variants.of(robot, numbered).calibrated(azimuth), np.zeros((1, len(edit.bounds))))
+    made = edit.apply(Variants.of(robot, numbered).calibrated(azimuth), np.zeros((1, len(edit.bounds))))
     acting, order = np.empty(len(every)), made.pressure[0, 0].astype(np.int64)
     acting[order] = made.azimuth[0, 0]
     known, acts = orders(robot.actuators.azimuths_deg).tolist(), order_at(robot, acting)

@@ -135,8 +135,8 @@ def prepare(
     of the noise where they are known, else they are estimated from repeats. `sized`: scales of effects, where they are not
     those of these states alone.
     """
-    seen = states if baseline is None else replace(states, history=None)
-    (robot, catalogue), table = _as_placed(robot, states, catalogue), table_columns(seen)
+    robot, catalogue = _as_placed(robot, states, catalogue)
+    table = table_columns(states if baseline is None else replace(states, history=None))
     design = design_from_columns(robot, table)
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None

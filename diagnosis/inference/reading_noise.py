@@ -201,24 +201,22 @@ def floor_of(
     each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
     if not noise.contrasts:
         return noise, _usual(noise), _usual(noise)
+    as_read = replace(data, residual=grid(observed)[complete])
     regular = (of.reshape(len(each), len(names), -1) for of in (each, each[..., :-1]))  # with what is explained and without
     drifts = (np.concatenate([data.drift, of], axis=2) for of in regular)
-    as_read = [replace(data, residual=grid(observed)[complete], drift=drift) for drift in drifts]
-    return noise, reading_rms(data, tips), min(reading_rms(of, tips) for of in as_read)
+    return noise, reading_rms(data, tips), min(reading_rms(replace(as_read, drift=drift), tips) for drift in drifts)
 
 
 def _explained(infos: Sequence[ParameterInfo], kind: Ints, missed: Array, slope: Columns) -> Array:
-    """(n,) what parameters that last explain of what the model misses of the robot, to first order: the most probable ones if
-    they may leave as much again, as a model that is far off is not linear. Repeats at unequal pressures, or after other loads,
-    differ by more than their noise where the model is wrong."""
-    out, own = np.zeros(len(missed)), kind < 3
+    """(n,) what parameters that last explain of what the model misses of the robot, to first order, if they may leave as much
+    again (far off, it is not linear): where it is wrong, repeats at unequal pressures differ by more than their noise."""
+    own = kind < 3
     missed, kind, columns = missed[own], kind[own], slope.rows(own).whole * np.array([p.sd * p.lasts for p in infos])
     columns = columns[:, columns.any(axis=0)]
-    usual = np.array([USUAL.channel[k] for k in KINDS[:3]])
-    left = np.hypot(usual, [np.nan_to_num(rms(missed[kind == k])) for k in range(3)])[kind]
+    left = np.array([np.hypot(USUAL.channel[k], np.nan_to_num(rms(missed[kind == i]))) for i, k in enumerate(KINDS[:3])])[kind]
     white = columns / left[:, None]
-    out[own] = columns @ np.linalg.solve(white.T @ white + np.eye(len(white.T)), white.T @ (missed / left))
-    return out
+    x = np.linalg.solve(white.T @ white + np.eye(len(white.T)), white.T @ (missed / left))
+    return np.nan_to_num(scattered(own.shape, own, columns @ x))
 
 
 def telling(condition: Ints, trial: Ints) -> Mask:

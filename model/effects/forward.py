@@ -360,7 +360,7 @@ class ForwardModel:
         column_of = np.full(len(self.parameters) + 1, -1)
         column_of[wanted] = np.arange(len(wanted))
         slopes = np.empty((len(slots), len(self)))
-        for of, by_state in self._slopes(here, slots, self.observations.every):
+        for of, by_state in self._slopes(here, slots, partial(channels, reference=self.observations.reference)):
             slopes[of] = self.observations.pick(by_state)
         for slope, parameter in zip(slopes, of_row, strict=True):
             slope[np.abs(slope) * self._sd[parameter][self.observations.row] > STEEP * self.robot.length] = 0.0

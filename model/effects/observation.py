@@ -33,11 +33,7 @@ class Observations:
 
     def of(self, r: Readings) -> Array:
         """(v, observations) from readings."""
-        return self.pick(self.every(r))
-
-    def every(self, r: Readings) -> Array:
-        """(v, n, all channels) of readings."""
-        return channels(r, self.reference)
+        return self.pick(channels(r, self.reference))
 
     def pick(self, every: Array) -> Array:
         """(v, observations) of (v, n, all channels)."""

@@ -54,7 +54,8 @@ def in_json(text: str) -> Numbers:
         said["with cause"] = f"{shrink['after_mm']:.2f}"
         if (share := shrink["share_closed"]) is not None and share >= 0:
             said["closed"] = f"{100 * min(share, 1.0):.0f}"
-    if (c := d["calibration"]) is not None and any(s["value"] > 2.5 * s["sd"] for s in c["set_up"]) and d["fitted"] is None:
+    c, none = d["calibration"], d["attribute"]["verdict"] == "none" and d["fitted"] is None
+    if c is not None and none and any(s["value"] > 2.5 * s["sd"] for s in c["set_up"]):
         said["set-up"] = "measure again"
     stiffness = c["modulus"] * (1.0 if c["determined"] else c["given"] / c["area_factor"]) if c is not None else 1.0
     if c is not None and max(abs(stiffness - 1), abs(c["modulus"] - 1)) >= 0.01:

@@ -32,12 +32,6 @@ def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(paper_robot:
     assert found.still == pytest.approx(expected, abs=1e-5)
 
 
-def test_attitudes_are_counted_from_the_robot_as_it_is_stated(paper_robot: Robot) -> None:
-    walls = Moved(paper_robot.replace(thrust="walls"), campaign(lengths=(0.0,)), None).forward
-    turns = walls.predict(np.zeros(len(walls.parameters)))[np.isin(walls.observations.channel, ("rx", "ry", "rz"))]
-    assert turns.size and turns == pytest.approx(0.0, abs=1e-6)
-
-
 def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot) -> None:
     robot = paper_robot.replace(markers=[0.1, {"arc_length": 0.25, "offset": [0.036, -0.02]}])
     columns = campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3), roll_deg=30.0)
@@ -98,8 +92,9 @@ def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(paper_ro
     assert measured[~lost] == pytest.approx(y[~lost], abs=1e-9)
 
 
-def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Robot) -> None:
-    robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.12, 0.2, 0.4)})
+@pytest.mark.parametrize("thrust", [None, "walls"])
+def test_markers_and_orientation_are_those_of_the_converged_rod(thrust: str | None, paper_robot: Robot) -> None:
+    robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.12, 0.2, 0.4), "thrust": thrust})
     columns = campaign(lengths=(0.2,), levels=(150e3,), unload=False)
     columns |= {f"m{k}{axis}": np.zeros(2) for k in (1, 2, 3) for axis in "xyz"}
     forward = Moved(robot, columns, None, area="per_length").forward

@@ -16,8 +16,6 @@ from model.effects.quantities import Quantities, baseline
 from model.robot import Robot
 from tests.model.effects.campaigns import campaign
 
-REMEMBER = {id for id, spec in CATALOGUE.items() if spec.law.path is not None}
-
 
 def unchanged(robot: Robot, design: States) -> Quantities:
     """The paper's model of a campaign's states."""
@@ -52,7 +50,8 @@ def test_states_without_a_reading_are_remembered_and_not_read(paper_robot: Robot
     unread = np.arange(len(columns["trial"])) % 5 == 2  # the highest pressures
     every = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
     made = ForwardModel(paper_robot, design_from_columns(paper_robot, {**columns, "unread": unread}))
-    theta = np.array([0.3 * p.sd * (p.source in REMEMBER and p.role == "size") for p in every.parameters])
+    remember = {id for id, spec in CATALOGUE.items() if spec.law.path is not None}
+    theta = np.array([0.3 * p.sd * (p.source in remember and p.role == "size") for p in every.parameters])
     read = ~unread[every.observations.row]
     np.testing.assert_allclose(made.predict(theta), every.predict(theta)[read], atol=1e-9)
     np.testing.assert_allclose(made.linearise(theta)[1], every.linearise(theta)[1][read], atol=1e-6)
