@@ -121,7 +121,7 @@ def _others(d: Diagnosis) -> str:
 
 
 def _gap(d: Diagnosis) -> str:
-    """How far the model misses the measurements, in mm rms, before and after calibration, what this moves, and the noise floor."""
+    """How far the model misses the measurements, in mm rms, before and after calibration, what it moves, and the noise floor."""
     what, digits = _what(d)
     model = "the model" if d.simulator is None else d.simulator.name
     floor = f"the noise floor is {d.locate.noise_floor_mm:.{digits}f} mm"

@@ -299,8 +299,8 @@ def test_a_unit_of_points_that_a_sensor_moved_back_is_named_as_the_file_holds_it
     pressures = 2e4 * np.array([k * np.array(group) for group in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)) for k in range(4)])
     found = lab.load_robot(FINGER).predict(pressures)
     points = found.tip + Rotation.from_quat(found.orientation, scalar_first=True).apply([0.0, 0.0, 0.03])
-    columns = np.hstack([pressures, 0.1 * points, found.orientation])
-    frame = pd.DataFrame(columns, columns=["p1", "p2", "p3", *"xyz", "qw", "qx", "qy", "qz"])
+    columns = np.hstack([pressures, 0.1 * points, found.orientation]).T
+    frame = pd.DataFrame(dict(zip(["p1", "p2", "p3", *"xyz", "qw", "qx", "qy", "qz"], columns, strict=True)))
     refused("hold cm read as mm", lab.case, frame, FINGER, sensor=[0.0, 0.0, 0.03], **BY_REST)
 
 

@@ -239,8 +239,7 @@ def motive(path: Path, rotation: str = "Quaternion", unit: str = "Millimeters") 
         for name, key in bodies
         for kind, axis in [*(("Rotation", a) for a in axes), *(("Position", a) for a in "XYZ"), ("Mean Marker Error", "")]
     ]
-    marker = [("Rigid Body Marker", "Finger tip:Marker1", "2B", "Position", a) for a in "XYZ"]
-    columns = [*body, *marker]
+    columns = [*body, *[("Rigid Body Marker", "Finger tip:Marker1", "2B", "Position", a) for a in "XYZ"]]
     about = "Format Version,1.23,Take Name,Take 2024-03-01 12.00.00 PM,Take Notes,,Capture Frame Rate,50.000000,Export Frame "
     about += "Rate,50.000000,Capture Start Time,2024-03-01 12.00.00.000 PM,Capture Start Frame,0,Total Frames in Take,1200,"
     about += f"Total Exported Frames,1200,Rotation Type,{rotation},Length Units,{unit},Coordinate Space,Global"
@@ -282,8 +281,7 @@ def write_c3d(path: Path, unit: str = "kPa", factor: float = 1.0) -> Path:
     writer.set_point_labels(["Rig:Tip", "Rig:Base"])
     writer.set_analog_labels(["Pressure1", "Pressure2", "Pressure3"])
     writer.analog_group.add_str("UNITS", "units", "".join(unit.ljust(4) for _ in range(3)), 4, 3)
-    tips = seen(FRAMES[:, 4:])
-    for k, tip in enumerate(tips):
+    for k, tip in enumerate(seen(FRAMES[:, 4:])):
         points = np.zeros((2, 5))
         points[0, :3], points[1, :3] = tip, BASE
         points[0, 3] = -1 if k % 50 > 44 else 0

@@ -9,12 +9,11 @@ from model.body import body_of
 from model.condition import States
 from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns, with_rest
-from model.effects.forward import ForwardModel
 from model.effects.history import DRIVES, History, loading_path
 from model.effects.layout import layout_of
 from model.effects.quantities import Quantities, baseline
 from model.robot import Robot
-from tests.model.effects.campaigns import campaign
+from tests.model.effects.campaigns import Moved, campaign
 
 
 def unchanged(robot: Robot, design: States) -> Quantities:
@@ -48,15 +47,15 @@ def test_between_readings_the_drive_stays_ramps_and_stays(paper_robot: Robot) ->
 def test_states_without_a_reading_are_remembered_and_not_read(paper_robot: Robot) -> None:
     columns = campaign(lengths=(0.1, 0.2), levels=(50e3, 100e3), rate=25e3, hold=3.0)
     unread = np.arange(len(columns["trial"])) % 5 == 2  # the highest pressures
-    every = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
-    made = ForwardModel(paper_robot, design_from_columns(paper_robot, {**columns, "unread": unread}))
+    every = Moved(paper_robot, columns, None).forward
+    made = Moved(paper_robot, {**columns, "unread": unread}, None).forward
     remember = {id for id, spec in CATALOGUE.items() if spec.law.path is not None}
     theta = np.array([0.3 * p.sd * (p.source in remember and p.role == "size") for p in every.parameters])
     read = ~unread[every.observations.row]
     np.testing.assert_allclose(made.predict(theta), every.predict(theta)[read], atol=1e-9)
     np.testing.assert_allclose(made.linearise(theta)[1], every.linearise(theta)[1][read], atol=1e-6)
     assert (made.observe({**columns, "unread": unread}) == every.observe(columns)[read]).all()
-    forgotten = ForwardModel(paper_robot, design_from_columns(paper_robot, {n: c[~unread] for n, c in columns.items()}))
+    forgotten = Moved(paper_robot, {n: c[~unread] for n, c in columns.items()}, None).forward
     assert np.abs(forgotten.predict(theta) - made.predict(theta)).max() > 1e-4
 
 
