@@ -210,8 +210,8 @@ def floor_of(
 def _explained(infos: Sequence[ParameterInfo], kind: Ints, missed: Array, slope: Columns) -> Array:
     """(n,) what parameters that last explain of what the model misses of the robot, to first order, if they may leave as much
     again (far off, it is not linear): where it is wrong, repeats at unequal pressures differ by more than their noise."""
-    own = kind < 3
-    missed, kind, columns = missed[own], kind[own], slope.rows(own).whole * np.array([p.sd * p.lasts for p in infos])
+    own, lasts = kind < 3, np.array([p.lasts for p in infos])
+    missed, kind, columns = missed[own], kind[own], slope.take(lasts).rows(own).whole * [p.sd for p in infos if p.lasts]
     columns = columns[:, columns.any(axis=0)]
     left = np.array([np.hypot(USUAL.channel[k], np.nan_to_num(rms(missed[kind == i]))) for i, k in enumerate(KINDS[:3])])[kind]
     white = columns / left[:, None]
