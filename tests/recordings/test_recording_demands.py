@@ -196,8 +196,7 @@ def following(places: Places) -> Made:
 
 def bent(t: float) -> list[tuple[float, float, float]]:
     """The robot bends from 2.0 s on, within 0.2 s."""
-    share = min(1.0, max(0.0, (t - 2.0) / 0.2))
-    return [(0.6 * share * arc, 0.0, arc) for arc in ARCS]
+    return [(0.6 * min(1.0, max(0.0, (t - 2.0) / 0.2)) * arc, 0.0, arc) for arc in ARCS]
 
 
 IMPOSSIBLE = {
