@@ -169,11 +169,11 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     counting += [("trials.change", column) for column in wanted.trials.change]
     counts = {(key, name_of(series, c, key)): texts(series, c, key, wanted.source.missing) for key, c in counting}
     made = FileRows(series.path, Table(columns | words), constants, np.zeros(n, np.int64), np.arange(n), counts)
-    for what, values_of, use in (("pressure", pressures, "they were skipped"), ("tip", tip, "they count as history alone")):
+    for what, values_of in (("pressure", pressures), ("tip", tip)):
         missing = ~np.isfinite(values_of).all(axis=1)
         if missing.any():
             first = series.place(int(np.argmax(missing)))
-            notes.append(f"{int(missing.sum())} of {n} rows have no {what} (first: {first}); {use}")
+            notes.append(f"{int(missing.sum())} of {n} rows have no {what} (first: {first}); they were skipped")
     averaged = wanted.states.plateaus is not None or bool(wanted.states.windows)
     tick = wanted.columns["t"].scale * file.factors["columns.t"] if "t" in wanted.columns else 1.0
     begins = np.any([np.append(False, cells[1:] != cells[:-1]) for cells in counts.values()], axis=0) | np.zeros(n, bool)

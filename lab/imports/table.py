@@ -261,12 +261,7 @@ def conclude(
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
         states = _levered(states, np.array(wanted.sensor))
-    last = dict(zip(named.trial[read].tolist(), read.tolist(), strict=True))
-    every_lost = np.flatnonzero(named.unread).tolist() if wanted.forces != "tip" and wanted.stiffness is None else []
-    lost = [k for k in every_lost if k < last.get(int(named.trial[k]), -1)]  # what later states remember
-    history = Table({n: column[lost] for n, column in named.values.items() if not re.match(r"(m\d+)?[xyz]$|q|sd_", n)})
-    states = Table.stacked([states, history]).take(np.argsort([*read, *lost]))
-    rows, places = ([of_state[k] for k in sorted([*read, *lost])] for of_state in (rows, places))
+    rows, places = [rows[k] for k in read], [places[k] for k in read]
     if wanted.forces != "base":
         turn, turned = _turns(states)
         if wanted.forces == "tip" and not turned.all():
