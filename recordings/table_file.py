@@ -251,8 +251,8 @@ def _doubts(table: Table) -> list[str]:
     vacuum = float(table.get("vacuum", 0.0).max())
     if 5 < vacuum < 150 and (table.spine_length > 0).any():
         doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")
-    if table.unread.any() and table.with_tip.any():
-        doubts.append(f"{table.unread.sum()} of {len(table)} states have no tip: they count as history alone")
+    if (unread := table.unread).any() and table.with_tip.any():
+        doubts.append(f"{unread.sum()} of {len(table)} states have no tip: they count as history alone")
     for name in np.unique(table["protocol"]).tolist():
         near = difflib.get_close_matches(name, ("bending", "elongation", "stiffness"), 1, 0.8)
         if near and not name.startswith(near[0]):

@@ -316,6 +316,12 @@ class DynamixelFake(DrumFake):
         self.motor.table[ID] = servo_id
         self._registered: tuple[int, bytes] | None = None
         """Address and data of a write that waits for ACTION."""
+        self._actions: dict[tuple[int, bytes], Callable[[], None]] = {
+            (Instruction.ACTION, b""): self._act,
+            (Instruction.REBOOT, b""): self.motor.restart,
+            (Instruction.CLEAR, CLEAR_TURNS): self.motor.forget_turns,
+            **{(Instruction.FACTORY_RESET, how): partial(self.motor.reset, kept) for how, kept in KEPT_BY_RESET.items()},
+        }
 
     def process(self, dt: float) -> None:
         if bits := self._number("hardware_error"):
@@ -367,12 +373,6 @@ class DynamixelFake(DrumFake):
     def _answer(self, instruction: int, params: bytes, own: bool) -> None:
         """Do an instruction and answer it, if it came to the servo's `own` id; nothing is said to its secondary one."""
         level = self.motor.table[LEVEL] if own else -1
-        actions: dict[tuple[int, bytes], Callable[[], None]] = {
-            (Instruction.ACTION, b""): self._act,
-            (Instruction.REBOOT, b""): self.motor.restart,
-            (Instruction.CLEAR, CLEAR_TURNS): self.motor.forget_turns,
-            **{(Instruction.FACTORY_RESET, how): partial(self.motor.reset, kept) for how, kept in KEPT_BY_RESET.items()},
-        }
         if instruction == Instruction.PING and not params:
             if own:
                 self._status(0, bytes(self.motor.table[0:2]) + bytes([self.motor.table[FIRMWARE]]))
@@ -390,7 +390,7 @@ class DynamixelFake(DrumFake):
             self.motor.put(REGISTERED, self._registered is not None)
             if level >= ANSWER_ALL:
                 self._status(error)
-        elif action := actions.get((instruction, params)):
+        elif action := self._actions.get((instruction, params)):
             if level >= ANSWER_ALL:
                 self._status(0)
             action()

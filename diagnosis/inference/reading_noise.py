@@ -190,6 +190,8 @@ def floor_of(
     )
     trial_sd = {source: next(p.sd for p in infos if p.source == source) for source in drawn_anew}
     noise = known or estimate_noise(data, replace(default, trial=trial_sd))
+    if not noise.contrasts:
+        return noise, _usual(noise), _usual(noise)
     tips = np.array([name in TIP for name in names])
     modelled = grid(np.column_stack([observed - missed, explained]))
     # the pressure of each regulator and its square, as shares of the highest: differences between tips to second order
@@ -199,8 +201,6 @@ def floor_of(
     predictors = [np.hstack([read, read**2])[:, None, :].repeat(len(names), axis=1), modelled]
     # a coefficient of their own in each channel
     each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
-    if not noise.contrasts:
-        return noise, _usual(noise), _usual(noise)
     as_read = replace(data, residual=grid(observed)[complete])
     regular = (of.reshape(len(each), len(names), -1) for of in (each, each[..., :-1]))  # with what is explained and without
     drifts = (np.concatenate([data.drift, of], axis=2) for of in regular)

@@ -129,8 +129,9 @@ def table_of(instruments: Instruments, name: str) -> InstrumentConfig:
 def addresses(instruments: Instruments) -> Iterator[tuple[str, str, str]]:
     """Instrument, key and text of all its ports (`PORTS`) and hosts (`HOSTS`)."""
     for name in present(instruments):
+        config = table_of(instruments, name)
         for key in (*PORTS, *HOSTS):
-            value = getattr(table_of(instruments, name), key, None)
+            value = getattr(config, key, None)
             for address in value if isinstance(value, tuple) else (value,):
                 if isinstance(address, str) and address:  # TMCL has a `host` that is a number on its bus
                     yield name, key, address

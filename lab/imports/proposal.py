@@ -61,8 +61,9 @@ def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
             continue
         lines.append(f"{key}:")
         last_reason = ""  # neighbours with one reason share its comment
+        nested = any("." in k for k in reasons)
         for name, inner in value.items():
-            if any("." in k for k in reasons) and isinstance(inner, dict) and name not in reasons:
+            if nested and isinstance(inner, dict) and name not in reasons:
                 lines.append(f"  {name}:")
                 for k, v in inner.items():
                     lines += [f"    # {reasons[f'{name}.{k}']}", f"    {k}: {in_one_line(v)}"]

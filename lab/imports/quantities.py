@@ -74,9 +74,14 @@ class FileRows:
         return self.table.values["t"]
 
     @property
+    def driven(self) -> Mask:
+        """(n,) rows with all pressures."""
+        return np.asarray(np.isfinite(self.table.pressures).all(axis=1))
+
+    @property
     def seen(self) -> Mask:
         """(n,) rows with a tip and all pressures."""
-        return np.asarray(np.isfinite(np.column_stack([self.table.tip, self.table.pressures])).all(axis=1))
+        return np.asarray(np.isfinite(self.table.tip).all(axis=1) & self.driven)
 
     def with_columns(self, columns: Mapping[str, Array]) -> FileRows:
         """The same with these columns (n,) in place of their own."""

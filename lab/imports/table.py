@@ -233,7 +233,7 @@ def conclude(
         numbers = range(len(own_cuts)) if trial_per_state else [int(trial[c.rows][0]) for c in own_cuts]
         q, torn = _without_strays(q, own_cuts, float(straight[2]), series, notes)
         whole = [(group + k, c) for k, c in zip(numbers, own_cuts, strict=True) if c not in torn]
-        seen, driven = q.seen, np.asarray(np.isfinite(q.table.pressures).all(axis=1))
+        seen, driven = q.seen, q.driven
         count = sum(seen[c.rows].any() for _, c in whole)
         if count < len(whole) < len(q.t):  # states of one row each: `quantities_of` has named the rows
             notes.append(f"{path.name}: {len(whole) - count} of {len(whole)} states have no tip or pressure and are left out")
@@ -274,7 +274,7 @@ def conclude(
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states, counted, notes, partial(_unmapped, rows, every))
     orders = [f"{series.path.name}: {q.order}" for series, q, _ in every if q.order]
-    notes += *_contradictions(table.take(table.with_tip), float(straight[2]), orders), *orders
+    notes += *_contradictions(table, float(straight[2]), orders), *orders
     _demand_mounted(table)
     if wanted.stiffness is not None:
         file, forces = np.array([file for file, _ in rows]), [q.constants.get("force") for _, q, _ in every]
@@ -300,8 +300,7 @@ def conclude(
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     if robot.chambers is not None:
         questions += _ambient(table, wanted, robot.actuators.words)
-    tips = states.tip[states.with_tip]
-    across = float(np.linalg.norm(np.linalg.svd(tips, compute_uv=False)[1:])) / np.sqrt(len(tips))
+    across = float(np.linalg.norm(np.linalg.svd(states.tip, compute_uv=False)[1:])) / np.sqrt(len(states.tip))
     if across < LEAST_ACROSS * robot.length:
         line = f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine "
         remedy = "the frame's turn about this line; add some in which one {actuator} is {inflated}"
@@ -481,10 +480,9 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
     """One row per cut of a file: means, standard deviations (sd_..), the last word; its group is `trial`. Raises ConfigError."""
     import pandas as pd
 
-    n, cut_rows, q_seen = len(kept), [np.arange(cut.rows.start, cut.rows.stop) for _, cut in kept], q.seen
-    driven_rows = np.asarray(np.isfinite(q.table.pressures).all(axis=1))
-    # rows of each cut with tip and pressures, or with pressures alone
-    seen = [of_cut[(q_seen if q_seen[of_cut].any() else driven_rows)[of_cut]] for of_cut in cut_rows]
+    n, cut_rows = len(kept), [np.arange(cut.rows.start, cut.rows.stop) for _, cut in kept]
+    q_seen, q_driven = q.seen, q.driven
+    seen = [of_cut[(q_seen if q_seen[of_cut].any() else q_driven)[of_cut]] for of_cut in cut_rows]
     turn, turned = _turns(q.table)
     driven, markers = pressure_columns(q.table.pressures.shape[1]), marker_columns(q.table.markers.shape[1])
     every, words = pd.DataFrame({**q.table.values}), [name for name in q.table.values if name in TEXTS]
