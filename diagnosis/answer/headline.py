@@ -190,8 +190,9 @@ def concentrated(c: Concentrated, words: Words) -> str:
         return f"{'after' if c.above else 'up to'} trial {c.limit:.0f}"
     if c.factor == "branch":
         return f"on the way {'up' if c.above else 'down'}"
-    loads = {"spine_length": ("the spine's length", "m"), "tip_mass": ("the mass at the tip", "kg")}
-    name, unit = loads.get(c.factor, (f"the {words.pressure} of {words.actuator} {c.factor[1:]}", "Pa"))
+    of_all = {"spine_length": ("the spine's length", "m"), "tip_mass": ("the mass at the tip", "kg")}
+    of_all["highest"] = (f"the highest {words.pressure}", "Pa")
+    name, unit = of_all.get(c.factor, (f"the {words.pressure} of {words.actuator} {c.factor[1:]}", "Pa"))
     return f"where {name} is {'above' if c.above else 'at most'} {'{:.3g} {}'.format(*for_people(c.limit, unit, words))}"
 
 

@@ -55,13 +55,18 @@ def locate(f: Attribution) -> Locate:
 
 def concentrated(s: Campaign, gap: Array) -> Concentrated | None:
     """The part of n states in which most of the `gap` (n, 3) m lies that calibration leaves: those above or below a limit of one
-    chamber's pressure or of a load, of one branch, or before or after a trial; None where no part stands out.
+    chamber's pressure, of the highest or of a load, of one branch, or before or after a trial; None where no part stands out.
 
     Two parts of n_1 and n_2 states with mean squares s_1^2 and s_2^2, against s^2 of all n, gain the log likelihood
     (3 / 2) (n log s^2 - n_1 log s_1^2 - n_2 log s_2^2); the part is that of the factor and limit that gain most.
     """
     factors = {f"p{k}": (values, s.pressure_gap) for k, values in enumerate(s.pressure.T, 1)}
-    factors |= {"trial": (s.trial, 0.0), "branch": (s.branch, 0.0), "spine_length": (s.spine_length, SPINE_GAP)}
+    factors |= {
+        "highest": (s.highest, s.pressure_gap),
+        "trial": (s.trial, 0.0),
+        "branch": (s.branch, 0.0),
+        "spine_length": (s.spine_length, SPINE_GAP),
+    }
     factors["tip_mass"] = (s.trials.get("tip_mass", 0.0), MASS_GAP)
     square, below = (gap**2).sum(axis=1), np.arange(1, len(s))
     counts = np.stack([below, len(s) - below])

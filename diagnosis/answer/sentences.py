@@ -132,14 +132,17 @@ def _gap(d: Diagnosis) -> str:
         factor = " and moved towards the rod" if d.simulator is not None else factor
         return f"Calibrated with {d.words.an_area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
     calibrated = w.steps[0].left_mm
-    no_better = d.attribute.conclusion != "noise" and calibrated >= w.given_mm
-    remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
+    remark = ", which is no better" * (d.attribute.conclusion != "noise" and calibrated >= w.given_mm)
     lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
     moved = d.calibration.set_up if d.calibration is not None and d.fitted is None else ()
     far = [s for s in moved if s.value > judgement.BEYOND_SD * s.sd]
-    each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in far[:MOST_NUMBERS]]
+    each = [
+        f"{_by(s, s.name + ' at least' * s.at_bound, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm"
+        for s in far[:MOST_NUMBERS]
+    ]
     each += [counted(len(far) - MOST_NUMBERS, "more number")] * (len(far) > MOST_NUMBERS)
-    set_up = f" ({'; '.join(each)}{': measure again' * (d.attribute.verdict == 'none')})" if each else ""
+    why = "measure again" if d.attribute.verdict == "none" else "they may stand in for the cause"
+    set_up = f" ({'; '.join(each)}: {why})" if each else ""
     on_walls = " but with `thrust: walls`" * any(f.code in ("thrust_settled", "thrust_likely") for f in d.findings)
     return (
         f"Uncalibrated{on_walls}, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
@@ -431,7 +434,7 @@ def _closing(d: Diagnosis) -> str:
         closed = f"{percent(share)} % of the reducible gap is closed{by_itself(alone)}"
         return f"With the cause, and other effects within their tolerances, {after} mm remain on unseen states: {closed}."
     nearest = _named(d.detail["best_hypothesis"], d)
-    if not nearest or share is None:
+    if not nearest or share is None or share < 0:
         return ""
     if share < judgement.EXPLAINS:
         return (
@@ -470,12 +473,10 @@ def _robot(d: Diagnosis) -> str:
 
 
 def also_present(d: Diagnosis, name: Callable[[str], str], digits: int) -> str:
-    """The sentence on effects that are present but not the cause, each by its `name`, without those that help no prediction;
-    empty if there is none."""
-    useless = d.attribute.verdict != "effect" and d.shrink is not None and (d.shrink.share_closed or 0.0) < 0.0
-    idle = d.detail["best_hypothesis"] if useless else ()
-    shown = (c for c in d.budget if c.role == "present" and c.effect not in idle)
-    found = ", ".join(f"{name(c.effect)} {c.mm:.{digits}f} mm" for c in shown)
+    """The sentence on effects that are present beside a cause, each by its `name`; empty if there is none. Where no cause is
+    named they may only stand in for it."""
+    present = (c for c in d.budget if c.role == "present" and d.attribute.verdict == "effect")
+    found = ", ".join(f"{name(c.effect)} {c.mm:.{digits}f} mm" for c in present)
     return f"Also present: {found}." if found else ""
 
 

@@ -124,7 +124,7 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59)))
     assert "no better" not in worse
     worse = statement(attributed(replace(found, waterfall=replace(gap, given_mm=0.59)), conclusion="none"))
-    assert "by 0.60 mm on unseen states, which is no better: no area factor" in worse
+    assert "by 0.60 mm on unseen states, which is no better; the noise floor" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("Calibration closes 100 % ") and "instead of" not in kept
     both, ratio, same = (Calibration(area, 1.0, 1.06, determined=area == 0.998) for area in (0.998, 0.96, 1.06))
@@ -530,6 +530,8 @@ def test_where_most_of_the_gap_lies_is_said_where_no_known_cause_fits() -> None:
     assert said(s.highest > 150e3) == f"the gap is where the pressure of chamber {chamber} is above 100 kPa."
     assert said(s.trial > 4) == "the gap is after trial 4." and said(s.trial <= 4) == "the gap is up to trial 4."
     assert said(s.branch < 0) == "the gap is on the way down."
+    several = replace(s, pressure=np.stack([s.highest * (s.trial % 2), s.highest * (s.trial % 2 == 0)], axis=1))
+    assert concentrated(several, np.where(s.highest[:, None] > 150e3, 8 * gap, gap)).factor == "highest"
     assert said(s.spine_length > 0.2) == "the gap is where the spine's length is above 150 mm."
 
 
