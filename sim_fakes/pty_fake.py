@@ -11,6 +11,7 @@ import os
 import pty
 import random
 import tempfile
+import termios
 import tty
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -63,6 +64,9 @@ class PtyLine:
 
     def read(self) -> bytes:
         """What has come. Raises OSError."""
+        speedless = termios.tcgetattr(self._slave)
+        speedless[4:6] = termios.B50, termios.B50  # a pty drops parity, which tcsetattr reports where nothing else changes
+        termios.tcsetattr(self._slave, termios.TCSANOW, speedless)
         return os.read(self._master, 4096)
 
     def write(self, data: bytes) -> None:
