@@ -82,8 +82,9 @@ load loads weights payloads last lasten anhängelast hängelast nutzlast zusatzl
 lest carga cargas peso pesos masa carico carichi massa
 """)
 """Words of a heading for the mass at the tip if its unit is one of a mass; else it may be a force, or a branch."""
-LETTERS = {"g": word_set(WORDS["tip_mass"]) | LOADS, "n": word_set(WORDS["force"]) | TENDON | {"fx", "fy", "fz"}}
-"""Units of one letter that end a heading with one of these words, such as "weight_g"."""
+OF_QUANTITY = dict.fromkeys(("m", "in"), word_set("x y z")) | {"s": word_set(WORDS["t"])}
+OF_QUANTITY |= {"g": word_set(WORDS["tip_mass"]) | LOADS, "n": word_set(WORDS["force"]) | TENDON | {"fx", "fy", "fz"}}
+"""Units that may be words: they end a heading with one of these words, such as "weight_g"."""
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
 """Units that may be all of a heading."""
 ELECTRIC = frozenset({"v", "mv", "ma", "a", "counts", "lsb"})
@@ -135,10 +136,10 @@ def heading(name: str, unit: str = "") -> Heading:
             stated, rest = match[1], f"{name[: match.start()]} {name[match.end() :]}"
     parts = [w for w in re.split(r"[^0-9A-Za-zÀ-ÿ]+", rest) if w]
     last = parts[-1].casefold() if parts and not stated and (len(parts) > 1 or parts[0] in ALONE) else ""
-    if last in UNITS and last != "in":
-        letter = len(parts[-1]) == 1 < len(parts)  # a mere letter is a unit only behind a word for its quantity
-        of_quantity = {w.casefold() for w in parts} & LETTERS.get(last, frozenset())
-        kind, unit = UNITS[last] if not letter or of_quantity else ("", "")
+    if last in UNITS:
+        word = (len(parts[-1]) == 1 or last == "in") and len(parts) > 1  # a unit only behind a word for its quantity
+        of_quantity = {w.casefold() for w in parts[:-1]} & OF_QUANTITY.get(last, frozenset())
+        kind, unit = UNITS[last] if not word or of_quantity else ("", "")
         parts = parts[: -1 if unit and len(parts) > 1 else None]
     words = [w.casefold() for part in parts for w in re.sub(r"(?<=[a-z])(?=[A-Z])", " ", part).split()]
     apart = [w for word in words for w in COMPOUND.sub(r"\1\2 \3 \4", word).split()]
