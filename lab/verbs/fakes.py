@@ -240,7 +240,7 @@ def played(robot: Robot) -> RobotTruth:
         return RobotTruth(**values)
     except ValidationError as e:
         wrong = [f"robot.yaml: {'.'.join(map(str, f['loc']))}: cannot be simulated: {f['msg']}" for f in e.errors()]
-        raise ConfigError(*wrong) from e
+        raise ConfigError(*(w.replace("shear_ratio", "shear_modulus over youngs_modulus") for w in wrong)) from e
 
 
 def regulators(a: argparse.Namespace) -> FakeRegulators:
