@@ -10,21 +10,22 @@ from .punctual import Silence
 
 STEP = 0.005
 """Longest step of the physics, s."""
+METRES_PER_TURN, MECHANICAL_LENGTH = 0.1, 0.4
+"""m of cord in one turn, and between the end stops."""
 
 
 class Drum(Device):
     """Cord on a drum; subclasses have the motor."""
 
-    def __init__(self, plant: Plant, counts_per_metre: float, start_length: float, mechanical_length: float) -> None:
-        """`counts_per_metre`: below 0 where the motor counts down as the spine grows."""
+    def __init__(self, plant: Plant, counts_per_turn: float, start_length: float) -> None:
+        """`counts_per_turn`: below 0 where the motor counts down as the spine grows."""
         self.plant = plant
         self.length = start_length
         """Cord paid out, m; 0 at the retracted end."""
-        self.mechanical_length = mechanical_length
         self.stuck = False
         """The shaft does not turn."""
         self.silence = Silence()
-        self._per_metre = counts_per_metre
+        self._per_metre = counts_per_turn / METRES_PER_TURN
         plant.spine_drive = start_length
 
     def process(self, dt: float) -> None:
@@ -45,7 +46,7 @@ class Drum(Device):
     def _turn(self, counts: float) -> None:
         """Turn the shaft as far as nothing holds it."""
         if not (self.stuck or self.plant.spine_blocked):
-            self.length = min(max(self.length + counts / self._per_metre, 0.0), self.mechanical_length)
+            self.length = min(max(self.length + counts / self._per_metre, 0.0), MECHANICAL_LENGTH)
 
 
 class DrumFake(PtyFake):

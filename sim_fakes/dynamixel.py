@@ -156,10 +156,8 @@ def unstuffed(body: bytes) -> bytes:
 class DrumMotor(Drum):
     """Servo, drum and end stops: what happens behind the control table."""
 
-    def __init__(
-        self, plant: Plant, metres_per_turn: float, direction: int, start_length: float, mechanical_length: float, model: int
-    ) -> None:
-        super().__init__(plant, direction * COUNTS / metres_per_turn, start_length, mechanical_length)
+    def __init__(self, plant: Plant, direction: int, start_length: float, model: int) -> None:
+        super().__init__(plant, direction * COUNTS, start_length)
         self._offset = 1234 - round(start_length * self._per_metre)
         self.table = bytearray(TABLE_END)
         self._trajectory = float(self.counts)
@@ -277,7 +275,7 @@ class DrumMotor(Drum):
         self._trajectory = float(self.counts)
 
     def _defaults(self, model: int) -> None:
-        factory = {0: model, 6: 45, 7: 1, 8: 1, 9: 250, 11: 3, 12: 255, 13: 2, 24: 10, 31: 80, 32: 160, 34: 95,
+        factory = {MODEL: model, 6: 45, 7: 1, 8: 1, 9: 250, 11: 3, 12: 255, 13: 2, 24: 10, 31: 80, 32: 160, 34: 95,
                    36: MOTOR.full_pwm, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: MOTOR.p_gain,
                    100: MOTOR.full_pwm, 102: 1193, 144: 120, 146: 31}  # fmt: skip
         self.table[:] = bytes(TABLE_END)
@@ -298,22 +296,11 @@ class DynamixelFake(DrumFake):
     checked: ClassVar[slice | None] = slice(0, -2)
 
     def __init__(
-        self,
-        plant: Plant,
-        clock: RigClock,
-        metres_per_turn: float = 0.1,
-        direction: int = 1,
-        start_length: float = 0.03,
-        mechanical_length: float = 0.4,
-        model: int = 1020,
-        servo_id: int = 1,
-        baud: int = 57600,
-        seed: int = 0,
+        self, plant: Plant, clock: RigClock, direction: int = 1, start_length: float = 0.03, model: int = 1020, seed: int = 0
     ) -> None:
-        """Lengths in m; `direction` 1 when counts grow with the spine; model 1020 is an XM430-W350."""
-        self.motor = DrumMotor(plant, metres_per_turn, direction, start_length, mechanical_length, model)
-        super().__init__("dynamixel", self.motor, clock, baud, seed)
-        self.motor.table[ID] = servo_id
+        """Length in m; `direction` 1 when counts grow with the spine; model 1020 is an XM430-W350."""
+        self.motor = DrumMotor(plant, direction, start_length, model)
+        super().__init__("dynamixel", self.motor, clock, 57600, seed)
         self._registered: tuple[int, bytes] | None = None
         """Address and data of a write that waits for ACTION."""
         self._actions: dict[tuple[int, bytes], Callable[[], None]] = {

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from .alicat import AlicatFake
+from .drum import METRES_PER_TURN
 from .dynamixel import DynamixelFake
 from .ft300s import Ft300sFake
 from .instrument import Fake, Site
@@ -23,7 +24,6 @@ from .tmcl import TmclFake
 from .ur.process import UrFake
 
 GROUP = "softlab.fakes"
-METRES_PER_TURN = 0.1
 LETTERS = "ABCDEFGHI"
 
 
@@ -76,8 +76,8 @@ OWN: Mapping[str, Fake] = MappingProxyType(
         "ft300s": Fake("force", lambda s: [Ft300sFake(s.plant, s.clock, seed=s.seed)], _port),
         "alicat": Fake("pressure", _alicat, _alicat_table, full_scale=400e3),
         "smc_itv": Fake("pressure", _smc_itv, _ports),
-        "dynamixel": Fake("spine", lambda s: [DynamixelFake(s.plant, s.clock, METRES_PER_TURN, seed=s.seed)], _length_unit),
-        "tmcl": Fake("spine", lambda s: [TmclFake(s.plant, s.clock, METRES_PER_TURN, seed=s.seed)], _length_unit),
+        "dynamixel": Fake("spine", lambda s: [DynamixelFake(s.plant, s.clock, seed=s.seed)], _length_unit),
+        "tmcl": Fake("spine", lambda s: [TmclFake(s.plant, s.clock, seed=s.seed)], _length_unit),
         "numato": Fake("valve", lambda s: [NumatoFake(s.plant, s.clock, seed=s.seed)], _port),
         "pfeiffer": Fake("gauge", lambda s: [PfeifferFake(s.plant, s.clock, seed=s.seed)], _port),
     }

@@ -142,10 +142,8 @@ START = {number: start for number, (_, _, start) in PARAMETERS.items()}
 class StepperDrum(Drum):
     """Stepper, encoder, drum, switches; the one at the retracted end closes at 0 m of cord."""
 
-    def __init__(
-        self, plant: Plant, metres_per_turn: float, direction: int, start_length: float, mechanical_length: float
-    ) -> None:
-        super().__init__(plant, direction * MICROSTEPS / metres_per_turn, start_length, mechanical_length)
+    def __init__(self, plant: Plant, direction: int, start_length: float) -> None:
+        super().__init__(plant, direction * MICROSTEPS, start_length)
         self.no_switch = False
         self.auto_start = False
         """Whether the stored program starts with the module; it turns the motor for ever."""
@@ -278,21 +276,16 @@ class TmclFake(DrumFake):
         self,
         plant: Plant,
         clock: RigClock,
-        metres_per_turn: float = 0.1,
         direction: int = 1,
         start_length: float = 0.03,
-        mechanical_length: float = 0.4,
-        module: int = 1260,
-        address: int = 1,
+        model: int = 1260,
         host: int = 2,
-        baud: int = 115200,
         seed: int = 0,
     ) -> None:
-        """Lengths in m; `direction` 1 when the steps count up as the spine grows."""
-        self.drum = StepperDrum(plant, metres_per_turn, direction, start_length, mechanical_length)
-        super().__init__("tmcl", self.drum, clock, baud, seed)
-        self.module = module
-        self.address, self.host = address, host
+        """Length in m; `direction` 1 when the steps count up as the spine grows."""
+        self.drum = StepperDrum(plant, direction, start_length)
+        super().__init__("tmcl", self.drum, clock, 115200, seed)
+        self.model, self.address, self.host = model, 1, host
         self.secondary_address = 0
         """Another address that it obeys; 0 for none."""
         self._heard = timing.now()
@@ -344,7 +337,7 @@ class TmclFake(DrumFake):
         """Status and value of the answer."""
         drum = self.drum
         if command == TmclCommand.VERSION and kind == 1:
-            return TmclStatus.OK, self.module << 16 | 1 << 8 | 16
+            return TmclStatus.OK, self.model << 16 | 1 << 8 | 16
         if command in (TmclCommand.SGP, TmclCommand.GGP):
             return self._global(command, kind, motor, value)
         if motor != 0:

@@ -161,7 +161,7 @@ def test_a_refusal_tells_the_units_reason(kind: str, make: Make) -> None:
 
 
 def test_another_model_is_the_wrong_device_each_time_that_it_is_opened(kind: str, make: Make) -> None:
-    model, named = {"dynamixel": ({"model": 1060}, "1060"), "tmcl": ({"module": 1140}, "TMCM-1140")}[kind]
+    model, named = {"dynamixel": ({"model": 1060}, "1060"), "tmcl": ({"model": 1140}, "TMCM-1140")}[kind]
     unit, _ = make(model)
     for _ in range(2):
         raises(WrongDevice, named, unit.open)

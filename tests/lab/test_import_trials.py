@@ -313,8 +313,8 @@ EACH_AND_PAIRS = ((1,), (2,), (3,), (1, 2), (2, 3))
 
 @functools.cache
 def content() -> str:
-    """Each group up and down twice, as the rod has it (mbar, mm): the tip, its angles, quaternion and matrix, and a marker at half
-    the length."""
+    """Each group up and down twice, as the rod has it (mbar, mm): the tip, its angles, quaternion and matrix, and a marker
+    at half the length."""
     robot, lines = load(ROBOT, Robot), [";".join([*HEADINGS, *ANGLES, *HALF, *QUATERNION, *sum(MATRIX, [])])]
     asked = [(level, group) for group in 2 * EACH_AND_PAIRS for level in (0, 200, 450, 200, 0)]
     pressures = np.array([[level * (c in group) for c in (1, 2, 3)] for level, group in asked], float)
