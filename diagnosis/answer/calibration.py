@@ -74,9 +74,7 @@ def _with_set_up(c: Calibration, f: Attribution) -> Calibration:
     out = []
     for i in np.flatnonzero(lasting & ~p.calibration & ~body):
         own, number = np.arange(len(theta)) == i, p.infos[i]
-        at_bound = bool(np.isclose(theta[i], (number.low, number.high)).any())
-        name = number.name.removesuffix(".excess")
-        out.append(SetUp(name, abs(float(theta[i])), float(p.sd[i]), number.unit, moves(own), at_bound))
+        out.append(SetUp(number.name.removesuffix(".excess"), abs(float(theta[i])), float(p.sd[i]), number.unit, moves(own)))
     least = 1e3 * OUTSTANDING_FLOORS * f.prepared.noise_floor
     return replace(c, body_mm=moves(body), set_up=tuple(sorted((s for s in out if s.mm >= least), key=lambda s: -s.mm)))
 

@@ -61,12 +61,8 @@ def concentrated(s: Campaign, gap: Array) -> Concentrated | None:
     (3 / 2) (n log s^2 - n_1 log s_1^2 - n_2 log s_2^2); the part is that of the factor and limit that gain most.
     """
     factors = {f"p{k}": (values, s.pressure_gap) for k, values in enumerate(s.pressure.T, 1)}
-    factors |= {
-        "highest": (s.highest, s.pressure_gap),
-        "trial": (s.trial, 0.0),
-        "branch": (s.branch, 0.0),
-        "spine_length": (s.spine_length, SPINE_GAP),
-    }
+    factors["highest"] = (s.highest, s.pressure_gap)
+    factors |= {"trial": (s.trial, 0.0), "branch": (s.branch, 0.0), "spine_length": (s.spine_length, SPINE_GAP)}
     factors["tip_mass"] = (s.trials.get("tip_mass", 0.0), MASS_GAP)
     square, below = (gap**2).sum(axis=1), np.arange(1, len(s))
     counts = np.stack([below, len(s) - below])

@@ -129,8 +129,6 @@ class SetUp:
     unit: str
     mm: float
     """rms by which it moves what the gap is of."""
-    at_bound: bool = False
-    """Whether the fit reached a limit of it, and would go beyond."""
 
 
 @dataclass(frozen=True)

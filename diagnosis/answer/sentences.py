@@ -136,10 +136,7 @@ def _gap(d: Diagnosis) -> str:
     lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
     moved = d.calibration.set_up if d.calibration is not None and d.fitted is None else ()
     far = [s for s in moved if s.value > judgement.BEYOND_SD * s.sd]
-    each = [
-        f"{_by(s, s.name + ' at least' * s.at_bound, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm"
-        for s in far[:MOST_NUMBERS]
-    ]
+    each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {what} by {s.mm:.2f} mm" for s in far[:MOST_NUMBERS]]
     each += [counted(len(far) - MOST_NUMBERS, "more number")] * (len(far) > MOST_NUMBERS)
     why = "measure again" if d.attribute.verdict == "none" else "they may stand in for the cause"
     set_up = f" ({'; '.join(each)}: {why})" if each else ""
