@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +91,7 @@ def comparison(case: Case, effects: Path | None = None) -> Comparison:
     places = zip(own.trials.markers[ok].swapaxes(0, 1), prediction.shape[ok].swapaxes(0, 1), strict=False)
     off = ((k, np.linalg.norm(seen - modelled, axis=1)) for k, (seen, modelled) in enumerate(places, 1))
     markers = {f"m{k}": float(np.sqrt(np.nanmean(away**2))) for k, away in off if np.isfinite(away).any()}
-    far_off = [*_other_thrust(case, effects, table.rmse)] or _far_off(case.robot, own, table.rmse)
+    far_off = [*_other_thrust(case.robot, own, effects, table.rmse)] or _far_off(case.robot, own, table.rmse)
     notes = (*case.table.warnings, *marked_notes(case.table), *far_off)
     return Comparison(
         condition[ok], measured[ok], tip[ok], own.trials["branch"][ok], own.trials["protocol"][ok], table,
@@ -99,12 +99,12 @@ def comparison(case: Case, effects: Path | None = None) -> Comparison:
     )  # fmt: skip
 
 
-def _other_thrust(case: Case, effects: Path | None, missed: float) -> Iterator[str]:
+def _other_thrust(robot: Robot, own: Campaign, effects: Path | None, missed: float) -> Iterator[str]:
     """A line if the other kind of thrust, with nothing else changed, leaves far less than `missed` (m)."""
-    robot, other = case.robot, "cap" if case.robot.thrust == "walls" else "walls"
+    other = "cap" if robot.thrust == "walls" else "walls"
     if robot.chambers is None or THRUST in robot.effects or missed < SET_UP * robot.length:
         return
-    own, prediction = expected(replace(case, robot=robot.replace(thrust=other)), effects)
+    prediction = predict_campaign(robot.replace(thrust=other), table_columns(own), stated_by(robot, effects))
     left = rms(np.where(prediction.converged[:, None], prediction.tip - own.tip, robot.length))
     if MANY * left < missed:
         by = f"{1e3 * missed:.3g} mm rms, with `thrust: {other}` and nothing else changed by {1e3 * left:.3g} mm"

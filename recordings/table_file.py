@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import difflib
 import io
@@ -162,6 +163,11 @@ def _parsed(name: str, cells: Sequence[str], place: Callable[[int], str], finite
     """A column as text or numbers, NaN where a cell is empty; raises `BadTable`."""
     if name in TEXTS:
         return np.array(cells, np.str_)
+    if not "".join(cells).encode().translate(None, b"0123456789+-.eE"):  # of such texts float() reads the same numbers
+        with contextlib.suppress(ValueError):
+            values = np.array([float(text or "nan") for text in cells])
+            if not np.isinf(values).any():
+                return values
     values = np.full(len(cells), math.nan)
     for row, text in enumerate(cells):
         try:

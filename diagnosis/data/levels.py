@@ -31,14 +31,14 @@ def levels(values: Array, gap: float) -> Ints:
     array([0, 1, 0, 1])
     """
     order = np.argsort(values, kind="stable")
-    out = np.empty(len(values), np.int64)
-    out[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])[: len(values)]
-    return out
+    return np.append(0, np.cumsum(np.diff(values[order]) > gap))[np.argsort(order)]
 
 
 def distinct(*columns: NDArray[np.generic]) -> Ints:
     """Number of each row of columns (n,) or (n, k) among different rows, in their order."""
-    return np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    rows = np.column_stack(columns)
+    order = np.lexsort(rows.T[::-1])
+    return np.append(0, np.cumsum((rows[order[1:]] != rows[order[:-1]]).any(axis=1)))[np.argsort(order)]
 
 
 def by_frequency(*columns: NDArray[np.generic]) -> Ints:

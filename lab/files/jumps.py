@@ -305,17 +305,18 @@ def _alone(own: Campaign, place: Array, nearest: Ints, off: Array, setting: Ints
     """Whether state i is `off` (m) the nearest repeat of its place (n, 3), while in its trial those before and after are not and
     no other at its setting stands with it: a slip, a first cycle or a drift lasts; nor is it at a peak: it may snap there. And
     `AGAINST` repeats agree; or it is not off by up to the steps that the body takes there, as one that snaps, lags or creeps."""
-    from scipy.optimize import lsq_linear
-
     around, own_trial, alike = [i - 1, i + 1], own.trial == own.trial[i], setting == setting[i]
     beside = np.linalg.norm(place[own_trial & alike] - place[i], axis=1) < 0.5 * off[i]
     if beside.sum() > 1 or not _between(own, off, i):
         return False
     others = place[alike & ~own_trial & np.isfinite(off)]
     agree = len(others) >= AGAINST and np.linalg.norm(others - np.median(others, axis=0), axis=1).max() < MUCH_LESS * off[i]
+    if agree or off[i] <= ALONE * length:
+        return bool(agree)
+    from scipy.optimize import lsq_linear  # a twentieth of a short command, for few tables
+
     steps, error = place[around] - place[nearest[i]], place[i] - place[nearest[i]]
-    left = np.linalg.norm(lsq_linear(steps.T, error, (-1.0, 1.0)).fun)
-    return bool(agree or (off[i] > ALONE * length and left > 0.5 * off[i]))
+    return bool(np.linalg.norm(lsq_linear(steps.T, error, (-1.0, 1.0)).fun) > 0.5 * off[i])
 
 
 def _between(own: Campaign, off: Array, i: int) -> bool:

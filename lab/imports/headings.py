@@ -111,8 +111,7 @@ class Heading:
 
 def unit_named(text: str) -> tuple[str, str] | None:
     """SI unit and unit of a cell such as "[mm]" or "Sekunden"; None for anything that is no unit of this software."""
-    bare = text.strip().strip("[](){}<>").strip().casefold()
-    return UNITS.get(bare) or UNITS.get(text.strip().casefold())
+    return UNITS.get(text.strip().strip("[](){}<>").strip().casefold()) or UNITS.get(text.strip().casefold())
 
 
 def is_unit(text: str) -> bool:

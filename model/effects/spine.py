@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from model.arrays import Array
 from model.effects.quantities import Quantities
@@ -48,19 +47,19 @@ class ShearSpine:
 
 def shear_spine(spine: Spine) -> ShearSpine:
     """Fit E0 and a of a shear-soft spine to the table of moduli; where that has one length, 10 % of its compliance is shear."""
-    length = np.array(sorted(spine.modulus))
+    length = np.array(sorted(x for x in spine.modulus if x > SHORTEST))
     log_modulus = np.log([spine.modulus[x] for x in length])
-    usable = length > SHORTEST
-    length, log_modulus = length[usable], log_modulus[usable]
     if length.size < 2:
-        modulus = math.exp(float(log_modulus[0])) / 0.9 if log_modulus.size else next(iter(spine.modulus.values()))
-        a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)  # 0.1 m where no length is known
-    else:  # x = (ln 1/E0, ln a)
-        start = [-log_modulus.max(), math.log(length.min() ** 2) - log_modulus.min()]
-        solution = scipy.optimize.least_squares(lambda x: log_modulus + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
-        modulus, a = math.exp(-solution.x[0]), math.exp(solution.x[1])
-    shear = 3 * spine.radius**2 / (4 * a)
-    return ShearSpine(modulus, shear, math.sqrt(modulus * spine.radius**2 / (4 * shear)))
+        modulus = math.exp(float(log_modulus[0])) / 0.9 if length.size else next(iter(spine.modulus.values()))
+        softness = 0.1 * (float(length[0]) ** 2 if length.size else 0.01)  # a E0, m^2; 0.1 m where no length is known
+    else:
+        tried = np.geomspace(1e-6 * length[0] ** 2, 1e6 * length[-1] ** 2, 99)
+        for _ in range(8):  # each time between the neighbours of the best
+            log_young = log_modulus + np.log1p(tried[:, None] / length**2)
+            best = int(np.argmin(log_young.var(axis=1)))
+            modulus, softness = math.exp(log_young[best].mean()), float(tried[best])
+            tried = np.geomspace(tried[max(best - 1, 0)], tried[min(best + 1, 98)], 99)
+    return ShearSpine(modulus, 3 * spine.radius**2 * modulus / (4 * softness), math.sqrt(softness / 3))
 
 
 class SpineModuli(NamedTuple):

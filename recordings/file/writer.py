@@ -373,14 +373,10 @@ class Recorder(AbstractContextManager["Recorder"]):
         self._mcap.message(tally.channel, tally.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
         if topic in events.VIEWS and ns / 1e9 >= self._views_due[topic]:
             self._views_due[topic] = ns / 1e9 + events.VIEW_PERIOD
-            self._put_views(topic, ns, payload)
-
-    def _put_views(self, stream: str, ns: int, payload: bytes) -> None:
-        fields = self.messages[stream].decode(payload)[0]
-        for topic, encode in events.VIEWS[stream]:
-            view = encode(self.start_wall_ns + ns, fields)
-            if view is not None:
-                self._put(topic, ns, view)
+            fields = self.messages[topic].decode(payload)[0]
+            for place, encode in events.VIEWS[topic]:
+                if (view := encode(self.start_wall_ns + ns, fields)) is not None:
+                    self._put(place, ns, view)
 
     def _flush(self) -> None:
         self._check_files()

@@ -72,7 +72,10 @@ def settled_window(
         ends, begins = ends[good], begins[good]
         good = np.ones(len(ends), dtype=bool)
         for topic, times in stamps.items():
-            good &= _longest_pause_ok(times, begins, ends, _pause(rule, topic))
+            first, last = _bounds(times, begins, ends)
+            longest = _pause(rule, topic)  # between samples, and at either end of a window
+            long = np.concatenate(([0], np.cumsum(np.diff(times) > longest)))
+            good &= (long[last - 1] == long[first]) & (times[first] - begins <= longest) & (ends - times[last - 1] <= longest)
         first, last = _bounds(pressure["t"], begins, ends)
         count_off = np.concatenate(([0], np.cumsum(off_target)))
         good &= count_off[last] == count_off[first]  # no sample in the window is off its target
@@ -140,14 +143,6 @@ def _names(chambers: Sequence[int]) -> str:
 def _bounds(times: Numbers, begins: Numbers, ends: Numbers) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Samples first..last-1 lie in each window."""
     return np.searchsorted(times, begins), np.searchsorted(times, ends, side="right")
-
-
-def _longest_pause_ok(times: Numbers, begins: Numbers, ends: Numbers, limit: float) -> NDArray[np.bool_]:
-    """Whether no pause between samples, nor at either end of a window, is longer than `limit` (s)."""
-    first, last = _bounds(times, begins, ends)
-    long = np.concatenate(([0], np.cumsum(np.diff(times) > limit)))
-    inside = long[last - 1] == long[first]
-    return np.asarray(inside & (times[first] - begins <= limit) & (ends - times[last - 1] <= limit))
 
 
 def _extent(tip: Samples, begins: Numbers, ends: Numbers, smooth: int) -> Numbers:

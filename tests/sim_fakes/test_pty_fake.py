@@ -41,9 +41,7 @@ def echo() -> Iterator[Echo]:
 
 @pytest.fixture
 def port(echo: Echo) -> Iterator[serial.Serial]:
-    with serial.Serial(echo.port, 115200, parity="E", timeout=5.0) as port:
-        ask(port)
-    with serial.Serial(echo.port, 115200, parity="E", timeout=5.0) as port:  # again, though a pty drops parity
+    with serial.Serial(echo.port, 115200, timeout=5.0) as port:
         yield port
 
 
@@ -70,6 +68,12 @@ def test_what_arrives_with_each_fault(echo: Echo, port: serial.Serial, fault: di
     assert ask(port, size=len(arrives)) == arrives
     port.timeout = 0.2
     assert port.read(1) == b""
+
+
+def test_a_line_with_parity_can_be_opened_again(echo: Echo) -> None:
+    for _ in range(2):  # a pty drops parity, which the system reports where nothing else changes
+        with serial.Serial(echo.port, 115200, parity="E", timeout=5.0) as port:
+            assert ask(port) == b"0123456789\n"
 
 
 def test_corrupt_changes_exactly_one_bit(echo: Echo, port: serial.Serial) -> None:
