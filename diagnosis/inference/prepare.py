@@ -145,7 +145,8 @@ def prepare(
     predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))
     if states.pushed.all():
         # effects that change none of the values are left out
-        moved = {forward.parameters[i].source for i in np.flatnonzero(slope.whole.any(axis=0))}
+        some = np.concatenate([slope.at[slope.dense.any(axis=0)], slope.rest[np.unique(slope.sparse.nonzero()[1])]])
+        moved = {forward.parameters[i].source for i in some.tolist()}
         effects = {id: spec for id, spec in forward.catalogue.items() if id in moved}
         whole = forward = ForwardModel(robot, design, catalogue=effects, sized=sized)
         predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))

@@ -192,7 +192,7 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     """The hypotheses as a table, most probable first."""
-    title = "What the data support (p: by all fits; log evidence: of one fit)"
+    title = "What the data support (p: by all fits; log evidence: of one fit; ±: standard deviation)"
     t = titled(title, ("hypothesis", "p", "log evidence", "unseen states", "size"))
     for r in (r for r in ranking if r.probability >= LEAST_STATED):
         named = [(*name.partition(".")[::2], sized(v, words)) for name, v in r.parameters.items()]
