@@ -69,7 +69,8 @@ class Planned:
         prepared = prepare(case.robot, states(case)[0], catalogue=catalogue)
         self.problem, self.where = prepared.problem, parts(prepared)
         calibrated = next(c for c in Search(self.problem).tried if not c.with_tolerances).fit
-        self.linear, self._slope = calibrated.linear(self.problem), self.problem.slope(calibrated.derivatives(self.problem))
+        slope = calibrated.derivatives(self.problem).every.coloured(self.problem.noise, self.problem.parameters.sd)
+        self.linear, self._slope = calibrated.linear(self.problem), slope
         """Around the calibrated robot."""
         self.factors = self.problem.smooth.laws(np.ones(len(self.problem.observed)))
         """(n, b) columns of a relative error of size 1 of a law."""

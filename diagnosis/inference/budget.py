@@ -239,7 +239,7 @@ def _squares(problem: Problem, where: Sequence[BudgetPart], fit: Fit) -> list[Pr
     size; where that exceeds `LEAST_NAMED_FLOORS` noise floors, the difference of the model with and without the effect."""
     p = problem.parameters
     responses = {} if fit.form_error is None else dict(fit.form_error.responses)
-    slope, theta = problem.slope(fit.derivatives(problem)), fit.theta[p.of_effect]
+    slope, theta = fit.derivatives(problem).every.coloured(problem.noise, p.sd), fit.theta[p.of_effect]
     of_effects, slots = slope.take(p.of_effect).whole, {e: np.flatnonzero(p.mask((e,))) for e in p.ids}
     changes = {e: responses.get(e, of_effects[:, i] @ theta[i]) for e, i in slots.items()}
 

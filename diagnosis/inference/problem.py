@@ -266,10 +266,6 @@ class Problem:
         predicted, slope = derivatives(self.forward, theta)
         return predicted, Jacobian.of(slope.whitened(self.noise, self.parameters.sd))
 
-    def slope(self, jacobian: Jacobian) -> Columns:
-        """Derivatives (n, k) of the values, in the parameters' units."""
-        return jacobian.every.coloured(self.noise, self.parameters.sd)
-
     def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
         """The linear problem around parameters (k,), in units of their priors, from a prediction (n,) and a slope (n, k) that is
         whitened, by one prior standard deviation of each parameter (`scaled`)."""

@@ -170,19 +170,15 @@ def floor_of(
     complete = complete[telling(states.condition[complete], states.trial[complete])]
     number_of = {"trial": states.trial, "repeat": states.repeat}
     drawn_anew = {p.source: number_of[p.scope] for p in infos if p.scope in number_of}
-
-    def response_to(source: str) -> Array:
-        """(n, a): each row takes one copy of each of its a parameters."""
-        slots = sorted({p.slot for p in infos if p.source == source})
-        return np.column_stack([slope.along(np.array([float(p.slot == slot) for p in infos])) for slot in slots])
-
-    kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
+    slots = {source: sorted({p.slot for p in infos if p.source == source}) for source in drawn_anew}
+    # (n, a): each row takes one copy of each of a source's a parameters
+    copies = {s: [slope.along(np.array([float(p.slot == k) for p in infos])) for k in of] for s, of in slots.items()}
     data = Repeated(
         residual[complete],
         states.condition[complete],
-        kinds,
+        tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names),
         grid(response)[complete],
-        {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in drawn_anew.items()},
+        {s: Scatter(grid(np.column_stack(copies[s]))[complete], of[complete]) for s, of in drawn_anew.items()},
         resting(states)[complete],
         grid(slope.take(np.array([p.scope == "campaign" for p in infos])).whole)[complete],
         blocks(states.trial, states.time, LONGEST_BLOCK)[complete],
