@@ -61,10 +61,9 @@ class Processes:
         if self._lost:
             return map(do, items)
         if do != self._do:  # two methods are the same where their objects are
-            self._do = do
-            self._sent += 1
-            # what a person's file defines goes as a whole
-            (self._folder / f"{self._sent}").write_bytes(cloudpickle.dumps(do))
+            self._do, self._sent = do, self._sent + 1
+            with (self._folder / f"{self._sent}").open("wb") as sent:
+                cloudpickle.dump(do, sent)  # what a person's file defines goes as a whole
         # One feeder for each process: what none of them has taken can still be done here.
         file = str(self._folder / f"{self._sent}")
         begun = [self._feeders.submit(lambda item: self._pool.submit(_done, file, item).result(), item) for item in items]
@@ -178,7 +177,8 @@ _read: dict[str, Any] = {}
 def _done(file: str, item: Any) -> Any:
     if file not in _read:
         _read.clear()
-        _read[file] = pickle.loads(Path(file).read_bytes())
+        with Path(file).open("rb") as sent:
+            _read[file] = pickle.load(sent)
     return _read[file](item)
 
 

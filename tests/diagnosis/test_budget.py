@@ -121,7 +121,7 @@ def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None
     theta = np.zeros_like(p.sd)
     theta[[p.names.index("contact.stiffness"), p.names.index("contact.distance")]] = 300.0, -0.04
     predicted, jacobian = problem.jacobian(theta)
-    fitted, slope = Fit(theta, predicted, jacobian, 0.0, 0.0), problem.slope(jacobian).whole
+    fitted, slope = Fit(theta, predicted, jacobian, 0.0, 0.0), jacobian.every.coloured(problem.noise, p.sd).whole
     where = parts(prepared)
     every, _ = module._carried(p, where, module._squares(problem, where, fitted), np.zeros((1, len(p.scale))))
     carried = every[0, p.ids.index("contact")]
