@@ -183,12 +183,11 @@ def conditions(
     _refuse("tip_mass", "kg", full["tip_mass"], full["tip_mass"] < 0, "must not be negative")
     within("pressure", full["pressure"], LOWEST_PRESSURE, HIGHEST_PRESSURE, "Pa gauge", "state")
     numbers, never, zero = np.arange(n), np.zeros(n, bool), np.zeros(n)
-    limits = np.nan_to_num(robot.pressure_limits, posinf=0.0)
     states = States(
         trial=numbers, trial_id=numbers, stiffness=never, body=never, unload=never, repeat=np.ones(n, np.int64),
         t=np.full(n, np.nan), rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64),
         progress=np.full(n, 0.5), vacuum=np.full(n, vacuum), nominal_vacuum=vacuum,
-        used=full["pressure"] > USED * limits, deflection=zero, unread=never, channels=TIP, **full,
+        used=full["pressure"] > USED * (robot.highest_limit or 0.0), deflection=zero, unread=never, channels=TIP, **full,
     )  # fmt: skip
     states.check(robot)
     return states
