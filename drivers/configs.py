@@ -49,12 +49,16 @@ class InstrumentConfig(BaseModel):
         return value
 
 
+MostPressure = Annotated[float, Field(gt=0, le=1e6)]
+
+
 class RegulatorsConfig(InstrumentConfig):
     """Pressure regulators, one channel each."""
 
     chambers: tuple[tuple[int, ...], ...]
     """Chambers on each channel, in channel order."""
-    max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+    max_pressure: MostPressure | tuple[MostPressure, ...] = Field(300e3, json_schema_extra={"unit": "Pa"})
+    """Of all channels or of each."""
     max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
     time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
     """Slowest that a chamber follows its set-point: 63 % of a step in this time."""
@@ -68,11 +72,18 @@ class RegulatorsConfig(InstrumentConfig):
     @model_validator(mode="after")
     def _wired_and_within_range(self) -> Self:
         ChamberMap(self.chambers)
-        if self.max_pressure > self.full_scale:
+        if isinstance(self.max_pressure, tuple) and len(self.max_pressure) != len(self.chambers):
             raise ValueError(
-                f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
+                f"max_pressure has {len(self.max_pressure)} values for {len(self.chambers)} channels; give one per channel"
             )
+        if (most := max(self.limits)) > self.full_scale:
+            raise ValueError(f"max_pressure {most:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it")
         return self
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Highest set-point of each channel, Pa."""
+        return self.max_pressure if isinstance(self.max_pressure, tuple) else (self.max_pressure,) * max(1, len(self.chambers))
 
 
 class LengthUnitConfig(InstrumentConfig):

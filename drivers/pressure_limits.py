@@ -30,15 +30,17 @@ def let_off(vent: Callable[[], None], measured: Callable[[], Sequence[float]]) -
 
 
 class PressureLimits:
-    """Clips set-points (Pa gauge) to 0..max_pressure and to max_rate (Pa/s of the rig's clock) since the previous set.
+    """Clips set-points (Pa gauge) to 0..max_pressure, of all channels or of each, and to max_rate (Pa/s of the rig's clock)
+    since the previous set.
 
     The rate is judged on the values allowed before, not on what the instrument made of them: rounding to its steps
     would otherwise hold a slow ramp at its start for ever.
     """
 
-    def __init__(self, name: str, channels: int, max_pressure: float, max_rate: float, clock: Clock) -> None:
+    def __init__(self, name: str, channels: int, max_pressure: float | Sequence[float], max_rate: float, clock: Clock) -> None:
         self.name = name
-        self.max_pressure = max_pressure
+        self.highest = (max_pressure,) * channels if isinstance(max_pressure, (int, float)) else tuple(max_pressure)
+        """Pa, of each channel."""
         self.max_rate = max_rate
         self._clock = clock
         self._allowed = [0.0] * channels
@@ -61,13 +63,13 @@ class PressureLimits:
         for channel, pressure in enumerate(pressures):
             if not math.isfinite(pressure):
                 raise LimitExceeded(
-                    self.name, f"channel {channel + 1}: {pressure} Pa is not a pressure; give 0 to {self.max_pressure:g} Pa"
+                    self.name, f"channel {channel + 1}: {pressure} Pa is not a pressure; give 0 to {self.highest[channel]:g} Pa"
                 )
         now = self._clock.now()
         step = self.max_rate * min(LONGEST_CREDIT, max(0.0, now - self._at))
         self._at = now
         slow = (min(old + step, max(old - step, float(p))) for p, old in zip(pressures, self._allowed, strict=True))
-        return tuple(min(self.max_pressure, max(0.0, p)) for p in slow)
+        return tuple(min(most, max(0.0, p)) for p, most in zip(slow, self.highest, strict=True))
 
     def sent(self, channel: int, pressure: float) -> None:
         """The instrument took this value (Pa, as `allow` gave it or 0 at a vent)."""

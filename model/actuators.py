@@ -98,21 +98,37 @@ class Actuators(FileTable):
         """(actuators,) distance of each from the axis over their mean."""
         return np.broadcast_to(np.divide(self.path_radius, np.mean(self.path_radius)), len(self.azimuths_deg))
 
+    @property
+    def area(self) -> float:
+        """m^2 that a pressure of the tables acts on, the mean of all; of tendons, which pull, negative."""
+        return -PULL_AREA
+
+    @property
+    def shares(self) -> Array:
+        """(actuators,) area of each over `area`."""
+        return np.ones(len(self.azimuths_deg))
+
 
 class Chambers(Actuators):
-    """Pressure chambers: equal round channels along the body."""
+    """Pressure chambers: round channels along the body."""
 
     words: ClassVar[Words] = Words(
         "chambers", "kPa", 1e3, 0, True, "chamber", "chambers", "pressure", "pressures", "inflate", "inflated", "pushes",
         "area factor", "an area factor", "chambers' area", "areas of the chambers", "regulators",
     )  # fmt: skip
 
-    radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    radius: NumberOrList = Field(json_schema_extra={"unit": "m"})
+    """Of all or of each."""
 
     @property
     def area(self) -> float:
-        """Geometric cross-section of one chamber (A_norm of the paper), m^2."""
-        return math.pi * self.radius**2
+        """Geometric cross-section of a chamber (A_norm of the paper), m^2, the mean of all."""
+        return math.pi * float(np.mean(np.square(self.radius)))
+
+    @property
+    def shares(self) -> Array:
+        """(actuators,) area of each over `area`."""
+        return np.broadcast_to(math.pi * np.square(self.radius) / self.area, len(self.azimuths_deg))
 
 
 class Tendons(Actuators):
@@ -122,13 +138,3 @@ class Tendons(Actuators):
         "tendons", "N", 1 / PULL_AREA, 1, False, "tendon", "tendons", "tension", "tensions", "pull", "pulled", "pulls",
         "tension factor", "a tension factor", "tendons' pull", "tensions of the tendons", "motors",
     )  # fmt: skip
-
-    @property
-    def area(self) -> float:
-        """m^2 that a pressure of the tables acts on; it pulls, so it counts as negative."""
-        return -PULL_AREA
-
-    @property
-    def radius(self) -> float:
-        """m of the channel that it takes up in the wall: none to speak of."""
-        return 0.0

@@ -48,7 +48,7 @@ class Body:
     outer_radius: Array
     """m."""
     chamber_area: Array
-    """(k, actuators) m^2 of each chamber, geometric, 0 where it has ended; of tendons negative, see `Tendons.area`."""
+    """(k, actuators) m^2 of each chamber, geometric, 0 where it has ended; of tendons negative, see `Actuators.area`."""
     path_radius: Array
     """m, the mean of the actuators."""
     levers: Array
@@ -117,7 +117,7 @@ def body_of(robot: Robot) -> Body:
     edges[-1] = robot.length
     stretch, bend, twist, weight, outer, chamber, path = np.array(values).T
     acts = np.array(edges)[:-1, None] < ends[None, :] - 1e-9
-    area = acts * chamber[:, None]
+    area = acts * chamber[:, None] * robot.actuators.shares
     return Body(np.array(edges), stretch, bend, twist, weight, outer, area, path, robot.actuators.levers)
 
 

@@ -187,7 +187,7 @@ def conditions(
         trial=numbers, trial_id=numbers, stiffness=never, body=never, unload=never, repeat=np.ones(n, np.int64),
         t=np.full(n, np.nan), rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64),
         progress=np.full(n, 0.5), vacuum=np.full(n, vacuum), nominal_vacuum=vacuum,
-        used=full["pressure"] > USED * (robot.max_pressure or 0.0), deflection=zero, unread=never, channels=TIP, **full,
+        used=full["pressure"] > USED * (robot.highest_limit or 0.0), deflection=zero, unread=never, channels=TIP, **full,
     )  # fmt: skip
     states.check(robot)
     return states

@@ -77,6 +77,11 @@ Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1
 ArcLength = Annotated[FiniteFloat, Field(gt=0, le=5)]
 FromAxis = Annotated[FiniteFloat, Field(ge=-1, le=1)]
 
+MostPressure = Annotated[FiniteFloat, Field(ge=1e3, le=2e6)]
+MostTension = Annotated[FiniteFloat, Field(gt=0, le=200)]
+PressureOrList = Annotated[Annotated[MostPressure, Tag("number")] | Annotated[tuple[MostPressure, ...], Tag("list")], FORM]
+TensionOrList = Annotated[Annotated[MostTension, Tag("number")] | Annotated[tuple[MostTension, ...], Tag("list")], FORM]
+
 LIMITS = {"max_pressure", "max_tension"}
 STATED = ("effects", "tolerances")
 """Tables of robot.yaml of which `Robot.stated` has each value."""
@@ -211,10 +216,10 @@ class Robot(Shown, FileTable):
     """Arc lengths, or tables of those beside the axis."""
     base_to_world: Pose | None = None
     """For the record alone; a map.yaml states it by `frame`, and by `zero` of columns x, y, z."""
-    max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
-    """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
-    max_tension: FiniteFloat | None = Field(default=None, gt=0, le=200, json_schema_extra={"unit": "N"})
-    """Highest tension of its tendons, in place of `max_pressure`."""
+    max_pressure: PressureOrList | None = Field(default=None, json_schema_extra={"unit": "Pa"})
+    """Highest pressure (gauge) of its chambers, of all or of each; nothing is inflated without it."""
+    max_tension: TensionOrList | None = Field(default=None, json_schema_extra={"unit": "N"})
+    """Highest tension of its tendons, of all or of each, in place of `max_pressure`."""
     quoted_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Gauge pressure at which `effects` that grow with it are stated; `max_pressure` unless given."""
     quoted_time: FiniteFloat | None = Field(default=None, gt=0, le=1e6, json_schema_extra={"unit": "s"})
@@ -235,13 +240,15 @@ class Robot(Shown, FileTable):
     @model_validator(mode="before")
     @classmethod
     def _as_pressure(cls, data: Any) -> Any:
-        given = {k: data[k] for k in LIMITS if isinstance(data.get(k), (int, float))} if isinstance(data, dict) else {}
-        if "max_tension" not in given:
-            return data
-        pressure = given["max_tension"] / PULL_AREA
-        if not math.isclose(given.get("max_pressure", pressure), pressure):
+        tension = data.get("max_tension") if isinstance(data, dict) else None
+        numbers = tension if isinstance(tension, (list, tuple)) else [tension]
+        if not all(isinstance(x, (int, float)) for x in numbers):
+            return data  # each that is none is refused by its own field
+        pressure = np.array(tension) / PULL_AREA
+        stated = np.ravel(pressure if data.get("max_pressure") is None else data["max_pressure"])
+        if len(stated) != pressure.size or not np.allclose(stated, pressure, atol=0.0):
             raise ValueError("max_pressure and max_tension are both given: keep max_tension, in N, if the robot has tendons")
-        return {**data, "max_pressure": pressure}
+        return {**data, "max_pressure": pressure.tolist()}
 
     @field_validator("effects")
     @classmethod
@@ -270,15 +277,19 @@ class Robot(Shown, FileTable):
         """One line for each contradiction between sections, radii, densities, actuators and lengths."""
         kind = "chambers" if self.tendons is None else "tendons"
         actuators, count = self.actuators, len(self.actuators.azimuths_deg)
-        lists = {name: x for name in ("path_radius", "ends") if isinstance(x := getattr(actuators, name), tuple)}
-        if wrong := {name: len(x) for name, x in lists.items() if len(x) != count and (x or name != "ends")}:
-            return [f"{kind}.{name}: {n} lengths, must be one for each of {count} azimuths_deg" for name, n in wrong.items()]
+        given = {f"{kind}.{name}": getattr(actuators, name, None) for name in ("radius", "path_radius", "ends")}
+        given |= {name: getattr(self, name) for name in ("max_tension" if self.max_tension else "max_pressure",)}
+        lists = {name: len(x) for name, x in given.items() if isinstance(x, tuple) and (x or not name.endswith("ends"))}
+        if wrong := [
+            f"{name}: {n} values, must be one for each of {count} azimuths_deg" for name, n in lists.items() if n != count
+        ]:
+            return wrong
         radii = {
             "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
-            "chamber_radius": actuators.radius, "path_radius": float(np.mean(actuators.path_radius)),
+            "chamber_radius": math.sqrt(max(actuators.area, 0.0) / math.pi), "path_radius": float(np.mean(actuators.path_radius)),
         }  # fmt: skip
         spine = self.spine.radius if self.spine else None
-        problems = [*section_problems(self.sections, self.length, radii, spine, actuators.levers)]
+        problems = [*section_problems(self.sections, self.length, radii, spine, actuators)]
         if self.tendons is not None and self.thrust is not None:
             problems.append("thrust: says nothing of a robot with tendons: leave it out")
         if self.tendons is None and self.max_tension is not None:
@@ -326,9 +337,20 @@ class Robot(Shown, FileTable):
         return found
 
     @property
+    def pressure_limits(self) -> Array:
+        """(actuators,) Pa, the highest of each; infinite where `max_pressure` is not stated."""
+        return np.broadcast_to(np.inf if self.max_pressure is None else self.max_pressure, len(self.actuators.azimuths_deg))
+
+    @property
+    def highest_limit(self) -> float | None:
+        """Pa, the largest of `pressure_limits`; None where `max_pressure` is not stated."""
+        return None if self.max_pressure is None else float(np.max(self.max_pressure))
+
+    @property
     def bending_directions(self) -> NDArray[np.complex128]:
-        """(actuators,) x + iy where each bends the tip, away from a chamber, towards a tendon; 1 long at their mean distance."""
-        return -np.sign(self.actuators.area) * self.actuators.levers * np.exp(1j * np.radians(self.actuators.azimuths_deg))
+        """(actuators,) x + iy where each bends the tip, away from a chamber, towards a tendon; 1 long at mean lever and area."""
+        sizes = -np.sign(self.actuators.area) * self.actuators.shares * self.actuators.levers
+        return sizes * np.exp(1j * np.radians(self.actuators.azimuths_deg))
 
     def with_modulus(self, factor: float) -> Robot:
         """The same robot this many times as stiff, whether by its material or as given, unchecked."""

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, FiniteFloat
 
+from model.actuators import Actuators
 from model.arrays import Array
 from model.plain_yaml import FileTable
 
@@ -31,7 +32,7 @@ class Section(FileTable):
     torsional_stiffness: Positive | tuple[Positive, Positive] | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
     mass_per_length: Weight | tuple[Weight, Weight] | None = Field(default=None, json_schema_extra={"unit": "kg/m"})
     chamber_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
-    """0: the chambers do not reach here."""
+    """That of a chamber of mean area; 0: the chambers do not reach here."""
     path_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
     """The mean."""
 
@@ -50,11 +51,10 @@ class Section(FileTable):
 
 
 def section_problems(
-    sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None, levers: Array
+    sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None, actuators: Actuators
 ) -> Iterator[str]:
-    """One line for each misfit of sections, length, `radii` (by field of `Section`) and spine radius, m; `levers`: distance of
-    each chamber from the axis over their mean."""
-    uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine, levers))
+    """One line for each misfit of sections, length, `radii` (by field of `Section`) and spine radius, m."""
+    uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine, actuators))
     yield from uniform
     if uniform or not sections:
         return
@@ -64,10 +64,10 @@ def section_problems(
     for i, part in enumerate(sections):
         along = {name: part.at(name, np.array([0.0, 1.0])) for name in radii}
         of_section = {name: np.full(2, radii[name]) if x is None else x for name, x in along.items()}
-        yield from _crossing(f"sections[{i}]: ", of_section, spine, levers)
+        yield from _crossing(f"sections[{i}]: ", of_section, spine, actuators)
 
 
-def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, levers: Array) -> Iterator[str]:
+def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, drive: Actuators) -> Iterator[str]:
     """One line for each pair of radii (m) that cross: of the wall, the chambers in it and the spine; `place` begins it."""
     outer, inner, chamber, path = (radii[k] for k in ("outer_radius", "inner_radius", "chamber_radius", "path_radius"))
     if (inner >= outer).any():
@@ -76,7 +76,9 @@ def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, lever
         return
     # A chamber may touch the wall's surfaces (rounded drawings do), not cross them; where there is no bore, two chambers would
     # overlap at the axis, but one alone may reach over it.
-    low, high, over_axis = path * levers.min() - chamber, path * levers.max() + chamber, (len(levers) == 1) & (inner == 0)
+    place_of, reach = np.multiply.outer(drive.levers, path), np.multiply.outer(np.sqrt(drive.shares), chamber)
+    low, high = (place_of - reach).min(axis=0), (place_of + reach).max(axis=0)
+    over_axis = (len(place_of) == 1) & (inner == 0)
     crosses = (chamber > 0) & ((~over_axis & (low < inner * (1 - 1e-9))) | (high > outer * (1 + 1e-9)))
     if crosses.any():
         k = int(np.argmax(crosses))

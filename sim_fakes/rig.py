@@ -190,7 +190,10 @@ class FakeRig:
         def table() -> dict[str, Any]:
             table: dict[str, Any] = {"driver": driver}
             if role == "pressure":
-                most = min(self.truth.max_pressure or 300e3, site.full_scale, 1e6)  # 300 kPa: rig.yaml's default
+                stated, widest = self.truth.max_pressure or 300e3, min(site.full_scale, 1e6)  # 300 kPa: rig.yaml's default
+                of_chamber = np.broadcast_to(stated, len(self.truth.chamber_azimuths_deg))
+                limits = [min(widest, *(float(of_chamber[c - 1]) for c in group)) for group in self.wiring]
+                most = limits if len(set(limits)) > 1 else limits[0]
                 table |= {"chambers": [[*group] for group in self.wiring], "full_scale": site.full_scale, "max_pressure": most}
             return {**table, **fake.table(site, parts)}
 

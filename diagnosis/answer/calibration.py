@@ -125,7 +125,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     path, name = float(np.mean(robot.actuators.path_radius)), robot.actuators.words.kind
     powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "pressures": (-1.0, GAIN_SD)}
     if robot.chambers is not None:
-        powers["chambers.radius"] = (-0.5, 2 * GEOMETRY_SD / robot.chambers.radius)
+        powers["chambers.radius"] = (-0.5, 2 * GEOMETRY_SD / float(np.mean(robot.chambers.radius)))
         powers["area_factor"] = (-1.0, robot.uncertainty.area_factor or AREA_SD)
     if modulus_sd > 0 and robot.bending_stiffness is not None:
         powers["bending_stiffness"] = (1.0, modulus_sd)
@@ -136,7 +136,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     d, total = abs(np.log(stiffness)), sum(s**2 for _, s in powers.values())
     out, change, cavities = [], 0.0, 0.0  # the cavities' -c, and the probability that they change E I
     if robot.chambers is not None and robot.bending_stiffness is None and robot.area_factor == 1.0 and stiffness < 1:
-        area = robot.chambers.area
+        area = robot.chambers.area * robot.chambers.shares
         second = float((area * (area / (4 * np.pi) + (path * robot.chambers.levers) ** 2 / 2)).sum())
         change = -float(np.log(max(1 - second / body_of(robot).mean_second, TINY)))
         cavities = float(expit(change * (d - change / 2) / total))

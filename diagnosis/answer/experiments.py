@@ -51,7 +51,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     chambers = list(s.chambers[main[np.argmax(s.highest[main])]])  # of the state with the highest pressure of the main sweep
     rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
     grain = 10.0 ** (np.floor(np.log10(s.highest.max())) - 2)  # three digits, which may not round it up
-    limit = robot.max_pressure or float(np.floor(s.highest.max() / grain + 1e-9) * grain)
+    limit = robot.highest_limit or float(np.floor(s.highest.max() / grain + 1e-9) * grain)
     pressures_used = np.minimum(s.highest[s.highest > rest + s.pressure_gap], limit)
     pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), limit)).tolist()
     mass = float(np.median(tip_masses(robot, trials)))
@@ -66,6 +66,8 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
         protocol = {**base, **changed}
+        most = min(robot.pressure_limits[c - 1] for c in protocol["chambers"])
+        protocol["pressures"] = np.unique(np.minimum(protocol["pressures"], most)).tolist()
         planned_states = _states(protocol)
         rig = float(PER_TRIAL * planned_states["trial"][-1] + planned_states["seconds"].sum())  # s
         offered.append(Proposal(id, do, (), 0.0, round(hands + rig / 60, 1), protocol, hands, channels))

@@ -122,7 +122,7 @@ def _highest(robot: Robot, tips: Table) -> str:
         return ""
     unit, pascal, looks = robot.actuators.words.unit, robot.actuators.words.pascal, ""
     if robot.chambers is not None:
-        ratio = (robot.max_pressure or USUAL_PRESSURE) / size[state, column]
+        ratio = (robot.highest_limit or USUAL_PRESSURE) / size[state, column]
         times, names = min(misread(robot, tips.mapped).items(), key=lambda of_ratio: abs(math.log(of_ratio[0] / ratio)))
         unit, pascal = "Pa gauge", 1.0
         looks = f", it looks like {' or '.join(names)} ({in_si(times)})"

@@ -352,7 +352,7 @@ def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: A
 
 
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    factor, usual = float(np.exp(own[0] + theta[AREA])), robot.max_pressure or USUAL_PRESSURE
+    factor, usual = float(np.exp(own[0] + theta[AREA])), robot.highest_limit or USUAL_PRESSURE
     units = misread(robot, mapped)
     ratio = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
     looks, remedy = remedies.misread_by(ratio, robot, mapped)

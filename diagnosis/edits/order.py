@@ -65,7 +65,7 @@ def order_at(robot: Robot, azimuths_deg: Array) -> list[int]:
 def equal(robot: Robot, order: Sequence[int]) -> bool:
     """Whether each actuator is like the one whose pressure it gets: then azimuths in this order predict the same."""
     drive, count = robot.actuators, len(robot.actuators.azimuths_deg)
-    own = np.array([drive.levers, np.broadcast_to(drive.ends or robot.length, count)])
+    own = np.array([drive.levers, drive.shares, np.broadcast_to(drive.ends or robot.length, count)])
     return bool((np.abs(own[:, order] - own) <= UNEQUAL * own).all())
 
 

@@ -178,7 +178,7 @@ def unit_of_all(robot: Robot, table: Table, gain: float) -> Finding | None:
     r: ratio of the unit to that in which they were read, s: of area factor and modulus, h: of the highest pressure times r."""
     if 1 / OF_NUMBERS < gain < OF_NUMBERS:
         return None
-    known, limit = robot.uncertainty, robot.max_pressure if robot.chambers is not None else robot.max_tension
+    known, limit = robot.uncertainty, robot.highest_limit
     ratios = [*plausible.misread(robot, table.mapped)]
     s = float(np.hypot(known.area_factor or judgement.AREA_SD, known.youngs_modulus or judgement.MATERIAL_SD))
     r, sd = np.log([1.0, 1.0, *ratios]), np.array([s, np.log(3), *[s] * len(ratios)])

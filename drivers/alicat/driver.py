@@ -359,7 +359,7 @@ class Alicat:
                 self._twice(measure.ask)
             self._let_off_wrong()
         # rounding to the unit's digits must not lead above the limit
-        pressure = min(round(pressure / digit), math.floor(self.config.max_pressure / digit + 1e-6)) * digit
+        pressure = min(round(pressure / digit), math.floor(self._limits.highest[channel] / digit + 1e-6)) * digit
         frame = self._twice(lambda: unit.set(pressure))
         setpoint_before, self._confirmed[channel] = self._confirmed[channel], frame.setpoint
         if pressure > 0 and self._jumps(channel, frame):

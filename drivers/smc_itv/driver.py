@@ -102,7 +102,7 @@ class SmcItv:
         self._readings = 0
         self._polled_at = 0.0
         self._behind: dict[int, _Behind] = {}
-        self._highest = int(config.max_pressure / config.full_scale * STEPS)
+        self._highest = [int(most / config.full_scale * STEPS) for most in config.limits]
 
     @property
     def step(self) -> float:
@@ -154,7 +154,7 @@ class SmcItv:
         with self._lock:
             self._need_open()
             allowed = self._limits.allow(pressures)
-            counts = [min(round(p / self.step), self._highest) for p in allowed]
+            counts = [min(round(p / self.step), most) for p, most in zip(allowed, self._highest, strict=True)]
             done, errors = self._send_setpoints(dict(enumerate(counts)))
             for channel in done:
                 self._limits.sent(channel, allowed[channel])

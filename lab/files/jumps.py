@@ -222,7 +222,7 @@ def slips(states: Table, robot: Robot) -> Iterator[tuple[int, str]]:
     """States with a pressure far above max_pressure and the others (without max_pressure: `SLIPPED` times these), or far below
     zero, a spine longer than the robot, or a mass `SLIPPED` times the others in a part of a trial; and what to say of each. None
     where more than `FEW` of all states are so: a question of the unit."""
-    words, most, few, others = robot.actuators.words, robot.max_pressure, int(FEW * len(states)), "the highest of the others"
+    words, most, few, others = robot.actuators.words, robot.highest_limit, int(FEW * len(states)), "the highest of the others"
     pressures, spine, mass = map(np.nan_to_num, (states.pressures, states.spine_length, states.get("tip_mass", 0.0)))
     highest, lowest, pressure, pascal = pressures.max(axis=1), pressures.min(axis=1), (words.pressure, words.unit), words.pascal
     top, load = (float(np.sort(values)[-1 - few]) for values in (highest, mass))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -320,13 +321,18 @@ def same_rig(path: Path, sha256: str) -> RigFile:
     return check(source, RigFile).read_from(path, {"rig.yaml": source.text})
 
 
-def within_robot(rig: RigFile, most: float | None) -> RigFile:
-    """The rig with regulators limited to `most` Pa, `max_pressure` of robot.yaml. The guard uses it to clip set-points and to
-    judge readings by the lower limit."""
+def within_robot(rig: RigFile, most: float | tuple[float, ...] | None) -> RigFile:
+    """The rig with regulators limited to `most` Pa, `max_pressure` of robot.yaml, each to the lowest of its chambers. The guard
+    uses it to clip set-points and to judge readings by the lower limit."""
     pressure = rig.instruments.pressure
-    if pressure is None or most is None or most >= pressure.max_pressure:
+    if pressure is None or most is None:
         return rig
-    lower = pressure.model_copy(update={"max_pressure": most})
+    of_chamber = dict(enumerate(most, 1)) if isinstance(most, tuple) else dict.fromkeys(itertools.chain(*pressure.chambers), most)
+    groups = zip(pressure.limits, pressure.chambers, strict=True)
+    limits = tuple(min(limit, *(of_chamber.get(chamber, limit) for chamber in group)) for limit, group in groups)
+    if limits == pressure.limits:
+        return rig
+    lower = pressure.model_copy(update={"max_pressure": limits if len(set(limits)) > 1 else limits[0]})
     return rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"pressure": lower})})
 
 

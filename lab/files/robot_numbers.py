@@ -91,12 +91,13 @@ def _replaced(robot: Robot, table: Table) -> Iterator[str]:
 
 def _above(robot: Robot, table: Table) -> Iterator[str]:
     """A warning if the highest pressure of a table exceeds the robot's limit."""
-    pressures, most, words = np.nan_to_num(table.pressures), robot.max_pressure, robot.actuators.words
-    highest = float(pressures.max(initial=0.0))
-    if most is not None and highest > ABOVE * most:
-        column, shown, limit = int(np.argmax(pressures.max(axis=0))) + 1, words.number(highest), words.number(most)
+    pressures, words = np.nan_to_num(table.pressures).max(axis=0, initial=0.0), robot.actuators.words
+    column = int(np.argmax(pressures / robot.pressure_limits))
+    highest, most = float(pressures[column]), float(robot.pressure_limits[column])
+    if highest > ABOVE * most:
+        shown, limit = words.number(highest), words.number(most)
         yield (
-            f"column p{column}: {shown} {words.unit}, {highest / most:.2g} times the max_{words.pressure} of {limit} "
+            f"column p{column + 1}: {shown} {words.unit}, {highest / most:.2g} times the max_{words.pressure} of {limit} "
             f"{words.unit} of robot.yaml: check the unit{differ_by(highest / most, words)}, or max_{words.pressure}"
         )
 

@@ -153,8 +153,8 @@ class LimitMonitor:
         pressure = self._rig.instruments.pressure
         if pressure is None:
             return None
-        highest = pressure.max_pressure + self._limits.pressure_error
-        for channel, p in enumerate(sample.measured, 1):
+        for channel, (p, limit) in enumerate(zip(sample.measured, pressure.limits, strict=True), 1):
+            highest = limit + self._limits.pressure_error
             if not math.isfinite(p):
                 return DeviceFault(name, f"channel {channel} measures {p} Pa; check the regulator's sensor")
             if p > highest:

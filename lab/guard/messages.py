@@ -84,7 +84,7 @@ class Start:
     """rig.yaml, next to which latch and journal are kept; the guard reads it itself."""
     sha256: str
     """Of the content that the program read."""
-    max_pressure: float | None
+    max_pressure: float | tuple[float, ...] | None
     """Pa, of robot.yaml, which the guard does not read."""
     clock_start: float
     despite_latch: bool

@@ -117,7 +117,7 @@ def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot 
         rig = within_robot(rig, robot.max_pressure)
     pressure, spine = rig.instruments.pressure, rig.instruments.spine
     limits = {name: getattr(rig.limits, f"max_{name}") for name in ("force", "moment", "vacuum", "total_pressure", "hidden")}
-    limits |= {"pressure": pressure.max_pressure} if pressure is not None else {}
+    limits |= {"pressure": max(pressure.limits)} if pressure is not None else {}
     return rig, robot, limits | ({"spine": spine.max_length} if spine is not None else {})
 
 

@@ -154,11 +154,10 @@ def margins(plan: Plan, rig: RigFile, robot: Robot) -> list[Margin]:
 
 def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator[StepDemand]:
     """Each value that a step asks for (0 where it asks for none), in the order of the plan's listing, once for each limit."""
-    push, highest = ask.push, max(ask.pressures, default=None)
+    push = ask.push
     force = None if push is None else expected_force(robot, push)
-    yield StepDemand("pressure", highest or 0.0, "Pa", robot.max_pressure, "max_pressure", rig.robot)
+    yield from _pressures(ask, rig, path, robot)
     for name, value, unit, key in (
-        ("pressure", highest, "Pa", "instruments.pressure.max_pressure"),
         ("total pressure", sum(max(0.0, p) for p in ask.pressures), "Pa", "limits.max_total_pressure"),
         ("pressure rate", ask.pressure_rate, "Pa/s", "instruments.pressure.max_rate"),
         ("spine length", ask.spine_length, "m", "instruments.spine.max_length"),
@@ -178,11 +177,28 @@ def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator
         yield StepDemand("expected force", force or 0.0, "N", push.max_force, "max_force", "the protocol")
 
 
+def _pressures(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator[StepDemand]:
+    """The highest pressure of the chambers that share a limit, of robot.yaml and of rig.yaml."""
+    regulators = rig.instruments.pressure
+    groups = () if regulators is None else zip(regulators.limits, regulators.chambers, strict=True)
+    of_rig = {chamber: limit for limit, group in groups for chamber in group}
+    of_robot = {} if robot.max_pressure is None else dict(enumerate(robot.pressure_limits.tolist(), 1))
+    for limits, own_key, file in (
+        (of_robot, "max_pressure", rig.robot), (of_rig, "instruments.pressure.max_pressure", path)
+    ):  # fmt: skip
+        for limit in dict.fromkeys(limits.values()) or (None,):
+            alike = [chamber for chamber, own in limits.items() if own == limit]
+            kind = f" of {robot.actuators.words.group(alike)}" if len(alike) < len(limits) else ""
+            held = (p for chamber, p in enumerate(ask.pressures, 1) if not kind or chamber in alike)
+            yield StepDemand(f"pressure{kind}", max(held, default=0.0), "Pa", limit, own_key, file)
+
+
 def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
     """What of a step is beyond a limit, or what the rig cannot do: chambers, a spine, places of the probe."""
     for d in _demands(ask, rig, path, robot):
         if d.limit is not None and d.value > d.limit * SLACK:
-            subject = SUBJECTS.get(d.name, "").format(mm=0.0 if ask.push is None else ask.push.deflection * 1e3)
+            of_some = f"a {d.name} of " if d.name.startswith("pressure of") else ""
+            subject = SUBJECTS.get(d.name, of_some).format(mm=0.0 if ask.push is None else ask.push.deflection * 1e3)
             limit = f"above {d.key} = {shown(d.limit, d.unit)} of {d.file}"
             yield Excess(f"{subject}{shown(d.value, d.unit)}", limit, d.value / d.limit, OTHERWISE.get(d.key, RAISE), d.unit)
     if ask.pressures and rig.instruments.pressure is not None:
@@ -247,7 +263,8 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
     strain = 0.0
     if robot.chambers is not None and rig.instruments.pressure is not None:
         factor = float(robot.area_factor_at([0.0, 0.0 if robot.spine is None else robot.length]).max())
-        push = rig.instruments.pressure.max_pressure * factor * float(body_of(robot).tip_area.sum())
+        highest = wiring(rig, robot).by_chamber(rig.instruments.pressure.limits)
+        push = factor * float(body_of(robot).tip_area @ highest)
         strain = push / (robot.youngs_modulus * body_of(robot).mean_area)
     arcs, off = (robot.length, *known[:, 2].tolist()), (0.0, *np.hypot(known[:, 0], known[:, 1]).tolist())
     return Bodies(0.0, arcs, 1 + 0.1 + 3.0 * strain, off)

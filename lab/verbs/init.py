@@ -153,7 +153,7 @@ def init(a: argparse.Namespace) -> Result:
         pairs = (one.strip().partition("=") for one in (a.instruments or "pressure,mocap").split(","))
         named = {role: driver or USUAL.get(role, "") for role, _, driver in pairs}
         place = a.out.name if a.out.parent == a.rig.parent else str(a.out.resolve())
-        rig = rig_text(named, place, a.chambers, robot.max_pressure)
+        rig = rig_text(named, place, a.chambers, robot.highest_limit)
         if not re.search(r"(?m)^    \w+: +# yours$", rig):  # else a key of an own driver is still empty
             check(parse_yaml(rig, str(a.rig)), RigFile)
     for path, content in ((a.out, text), (a.rig, rig)):

@@ -103,9 +103,10 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
         if channel is None:
             raise ConfigError(f"{word}: chamber {number} is on no channel of rig.yaml")
         target[channel] = in_si(word, value, "Pa")
-        if not 0 <= target[channel] <= pressure.max_pressure:
-            whose = file.robot if pressure.max_pressure == file.body.max_pressure else f"{file.path}: instruments.pressure"
-            raise ConfigError(f"{line}: must be 0 to {shown(pressure.max_pressure, 'Pa')}, max_pressure of {whose}")
+        if not 0 <= target[channel] <= (most := pressure.limits[channel]):
+            of_robot = min(file.body.pressure_limits[c - 1] for c in pressure.chambers[channel])
+            whose = file.robot if most == of_robot else f"{file.path}: instruments.pressure"
+            raise ConfigError(f"{line}: must be 0 to {shown(most, 'Pa')}, max_pressure of {whose}")
         ramp(bench, target, min(rate, pressure.max_rate))
         return f"set-point of chamber {', '.join(map(str, bench.chambers.channels[channel]))}: {shown(target[channel], 'Pa')}"
     if word == "spine" and bench.spine is not None and file.instruments.spine is not None:

@@ -68,14 +68,14 @@ def scales(robot: Robot, pressure: Array | None = None, pace: float | None = Non
     """
     quoted = robot.quoted_pressure
     if quoted is None and (BALLOONING in robot.effects or pressure is None):
-        quoted = robot.max_pressure
+        quoted = robot.highest_limit
         if quoted is None and BALLOONING in robot.effects:
             raise BadRobot(
                 f"robot {robot.name!r}: effects.{BALLOONING} needs quoted_pressure, the pressure at which its growth is stated"
             )
     if quoted is None:
         highest = 0.0 if pressure is None else float(np.abs(pressure).max(initial=0.0))
-        highest_stated = robot.max_pressure or STANDARD.pressure
+        highest_stated = robot.highest_limit or STANDARD.pressure
         near = robot.max_pressure is not None and NEAR * highest_stated <= highest <= highest_stated / NEAR
         quoted = highest_stated if near or highest == 0 else float(f"{highest:.2g}")
     stiffness = robot.youngs_modulus * body_of(robot).mean_second

@@ -46,8 +46,8 @@ DAMPING = 1e-2
 class ReachLimits:
     """What may be asked of the robot."""
 
-    max_pressure: float
-    """Pa."""
+    max_pressure: Array
+    """(groups,) Pa."""
     groups: tuple[tuple[int, ...], ...]
     """Chambers, counted from 1, that share a regulator."""
     spine: tuple[float, float]
@@ -104,7 +104,8 @@ def limits_of(
     low, high = spine if spine is not None else (0.0, longest)
     if not 0 <= low <= high <= limit:
         raise BadCondition(f"spine length: {low:g} .. {high:g} m, must lie between 0 and {limit:g} m")
-    return ReachLimits(robot.max_pressure, chamber_groups, (low, high))
+    most = np.array([min(robot.pressure_limits[c - 1] for c in g) for g in chamber_groups])
+    return ReachLimits(most, chamber_groups, (low, high))
 
 
 def inverse(
@@ -151,12 +152,12 @@ class _InverseSearch:
         low, high = limits.spine
         self._low, self._range = low, high - low
         # Total pressure; a length costs nothing.
-        self._cost = np.append(self._member.sum(axis=1), 0.0)
+        self._cost = np.append(self._member.sum(axis=1) * limits.max_pressure / limits.max_pressure.max(), 0.0)
         self._high = np.append(np.ones(len(limits.groups)), 1.0 if self._range > 0 else 0.0)
 
     def inputs(self, u: Array) -> tuple[Array, Array]:
         """Pressures (n, chambers) Pa and lengths (n,) m."""
-        return self._limits.max_pressure * u[:, :-1] @ self._member, self._low + self._range * u[:, -1]
+        return (self._limits.max_pressure * u[:, :-1]) @ self._member, self._low + self._range * u[:, -1]
 
     def run(self, progress: Callable[[float], None]) -> Array:
         """(m, k) the best inputs of each target: each start is improved in a trust region until its cost stays."""
@@ -220,7 +221,7 @@ class _InverseSearch:
         assert prediction.tip_by_pressure is not None and prediction.tip_by_length is not None
         weight = self._weight[row] / TAU
         missed = weight * (prediction.tip - self._wanted[row])
-        by_group = self._limits.max_pressure * prediction.tip_by_pressure @ self._member.T
+        by_group = prediction.tip_by_pressure @ self._member.T * self._limits.max_pressure
         slope = weight[:, :, None] * np.concatenate([by_group, self._range * prediction.tip_by_length[:, :, None]], axis=2)
         cost = 0.5 * (missed**2).sum(axis=1) + u @ self._cost
         return missed, slope, np.where(np.isfinite(cost) & np.isfinite(slope).all(axis=(1, 2)), cost, np.inf)

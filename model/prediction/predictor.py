@@ -169,7 +169,7 @@ def outside_known(
     words, length = robot.actuators.words, np.asarray(spine_length, float)[:, None]
     mass = np.broadcast_to(np.reshape(robot.tip_mass if tip_mass is None else tip_mass, (-1, 1)), length.shape)
     pushing = robot.tendons is not None and bool((pressure < -PRESSURE_NOISE).any())
-    limits = (0.0, np.inf if robot.max_pressure is None or pushing else robot.max_pressure)
+    limits = (0.0, np.full(pressure.shape[1], np.inf) if pushing else robot.pressure_limits)
     driven = (words.pressures, pressure, words.pascal, words.unit)
     kinds = {"limits": driven, "fitted_pressure": driven, "fitted_spine_length": ("spine lengths", length, 0.01, "cm")}
     kinds["fitted_tip_mass"] = ("tip masses", mass, 1.0, "kg")
@@ -187,11 +187,12 @@ def outside_known(
             raise BadCondition(f"{worst}: a tendon cannot push; the least tension is 0 N")
         noise, of, more = PRESSURE_NOISE, f"the limits of {robot.name}", ""
         if name != "limits":
-            noise = FITTED_NOISE * (robot.length if values is length else max(-low, high))
+            noise = FITTED_NOISE * (robot.length if values is length else float(max(-low, high)))
             of, more = "to which robot.yaml was fitted", "; predictions there extrapolate, and no interval covers that"
         own = np.any(beyond > noise, axis=1)
         if own.any():
-            between = " to ".join(dict.fromkeys(f"{end / scale:.4g}" for end in ends))
+            shown = (" or ".join(dict.fromkeys(f"{x / scale:.4g}" for x in np.ravel(end))) for end in ends)
+            between = " to ".join(dict.fromkeys(shown))
             having = f"{own.sum()} of {len(own)} states have {quantity} outside {between} {unit}"
             notes.append(f"{having}, {of}: {worst} is farthest{more}")
         outside |= own

@@ -97,7 +97,7 @@ class Pneumatics:
 
     def forces(self) -> Array:
         """Axial force of each chamber, N."""
-        p, area = self.pressures, np.full(len(self.pressures), self._truth.chamber_area)
+        p, area = self.pressures, self._truth.chamber_area
         if self._laws.chamber_ballooning:
             area = area * (1 + self._laws.chamber_ballooning * np.sign(p) * np.abs(p / 250e3) ** 1.5)
         return np.asarray(area * p)

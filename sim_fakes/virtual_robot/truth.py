@@ -8,7 +8,10 @@ instruments.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.763e6, 0.30: 4.389e6}
@@ -16,6 +19,9 @@ TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.
 
 HANGING_STAND = ((1.0, 0.0, 0.0, 0.50), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.70), (0.0, 0.0, 0.0, 1.0))
 """A specimen clamped 0.7 m above the arm's base, hanging down; its x axis is the arm's x axis."""
+
+
+Radius = Annotated[float, Field(gt=0, le=0.1)]
 
 
 class RobotTruth(BaseModel):
@@ -42,7 +48,8 @@ class RobotTruth(BaseModel):
     """Arc lengths of the body markers, m."""
 
     # chambers
-    chamber_radius: float = Field(default=0.005, gt=0, le=0.1, json_schema_extra={"unit": "m"})
+    chamber_radius: Radius | tuple[Radius, ...] = 0.005
+    """m, of all chambers or of each."""
     chamber_path_radius: float | tuple[float, ...] = 0.04
     """m, of all chambers or of each."""
     chamber_azimuths_deg: tuple[float, ...] = Field(default=tuple(40.0 * i for i in range(9)), min_length=1, max_length=64)
@@ -52,8 +59,8 @@ class RobotTruth(BaseModel):
     """Whether the side walls take the chambers' thrust, all along the arc, instead of the tip's cap."""
     fill_time: float = Field(default=0.25, gt=0, le=60, json_schema_extra={"unit": "s"})
     supply_pressure: float = Field(default=400e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
-    max_pressure: float | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
-    """Highest that rig.yaml allows; of no effect on the physics."""
+    max_pressure: float | tuple[float, ...] | None = None
+    """Pa, highest that rig.yaml allows, of all chambers or of each; of no effect on the physics."""
 
     # spine
     spine_modulus: dict[float, float] = Field(default_factory=lambda: dict(TABLE_II))
@@ -128,6 +135,7 @@ class RobotTruth(BaseModel):
         return math.pi * self.spine_radius**2
 
     @property
-    def chamber_area(self) -> float:
-        """Effective area of one chamber, m^2."""
-        return self.area_factor * math.pi * self.chamber_radius**2
+    def chamber_area(self) -> NDArray[np.float64]:
+        """(chambers,) effective area of each, m^2."""
+        areas = self.area_factor * math.pi * np.square(self.chamber_radius)
+        return np.broadcast_to(areas, len(self.chamber_azimuths_deg))

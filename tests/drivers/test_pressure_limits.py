@@ -46,6 +46,12 @@ def test_a_step_is_cut_to_the_rate_times_the_time_since_the_last_one(clock: Hand
     assert send(limits, (200e3, 0.0)) == (75e3, 0.0)
 
 
+def test_each_channel_may_have_a_limit_of_its_own(clock: HandClock) -> None:
+    limits = PressureLimits("pressure", 2, max_pressure=(50e3, 80e3), max_rate=100e3, clock=clock)
+    clock.sleep(1.0)
+    assert send(limits, (90e3, 90e3)) == (50e3, 80e3)
+
+
 def test_a_long_pause_does_not_buy_a_long_step(clock: HandClock, limits: PressureLimits) -> None:
     clock.sleep(60.0)
     assert send(limits, (300e3, 0.0)) == (100e3, 0.0)

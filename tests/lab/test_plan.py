@@ -227,6 +227,13 @@ def test_the_robot_s_own_pressure_is_a_limit_beside_the_regulator_s(rig: Rig, cl
     assert "250 kPa, above instruments.pressure.max_pressure = 200 kPa" in regulators
 
 
+def test_chambers_that_bear_less_are_named(rig: Rig) -> None:
+    path = rig({"max_pressure": [100e3, 300e3, 300e3] * 3})
+    line, *_ = refused(path, "bending")
+    assert "requires a pressure of chambers 1, 4, 7 of 250 kPa, above max_pressure = 100 kPa of" in line
+    job("bending", path, ["chambers=[1, 2, 9]", "pressures=[100 kPa]"])
+
+
 def test_every_limit_that_is_not_kept_has_its_line(rig: Rig) -> None:
     path = rig(
         pressure={"max_pressure": 100e3, "max_rate": 10e3},
@@ -323,7 +330,8 @@ def test_a_specimen_of_no_length_gives_no_way_and_one_of_unknown_modulus_is_not_
 
 
 def test_regulators_are_told_no_more_than_the_robot_bears(rig: Rig) -> None:
-    for borne, told in ((100e3, 100e3), (1e6, 250e3)):
+    of_each = [200e3] * 8 + [100e3]
+    for borne, told in ((100e3, 100e3), (1e6, 250e3), (of_each, (100e3, 200e3, 200e3))):
         read = load_rig(rig({"max_pressure": borne}))
         regulators = within_robot(read, read.body.max_pressure).instruments.pressure
         assert regulators is not None and regulators.max_pressure == told

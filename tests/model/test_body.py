@@ -167,6 +167,19 @@ def test_a_list_of_equal_distances_is_one_distance(reference_robot: Robot, path_
     assert each == each.replace() != one and hash(each.chambers) == hash(each.replace().chambers)
 
 
+@pytest.mark.parametrize("thrust", ["cap", "walls"])
+def test_a_chamber_of_half_the_area_acts_as_half_its_pressure(reference_robot: Robot, thrust: str) -> None:
+    one, halved = reference_robot.replace(thrust=thrust), [1.0, 0.5, 0.5] * 3
+    radius = (0.005 * np.sqrt(halved)).tolist()
+    two = one.replace(chambers={**one.chambers.model_dump(), "radius": radius})
+    mean = two.replace(sections=[{"length": 0.4, "chamber_radius": float(np.sqrt(two.chambers.area / np.pi))}])
+    expected = solve(rods_of(one, conditions(one, 0.0, np.multiply(PRESSURES, halved))), FINE).trusted().tip
+    for robot in (two, mean):
+        found = solve(rods_of(robot, conditions(robot, 0.0, PRESSURES)), FINE).trusted().tip
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_allclose(np.abs(two.bending_directions), np.divide(halved, np.mean(halved)))
+
+
 @pytest.mark.parametrize("end", ["ends", "sections"])
 def test_thrust_on_a_cap_inside_carries_the_rest_straight_on(reference_robot: Robot, end: str) -> None:
     short = ending(reference_robot, 0.3, length=0.3)
@@ -232,11 +245,16 @@ def test_tendons_fastened_half_way_bend_the_first_half(pulled: Robot) -> None:
         ({"sections": [{"length": 0.4, "outer_radius": 0.02}]}, r"sections\[0\]: inner_radius 0.029 m"),
         ({"sections": [{"length": 0.4, "path_radius": [0.04, 0.047]}]}, r"sections\[0\]: chambers reach"),
         ({"chambers": {"radius": 0.005, "path_radius": [0.04, 0.046], "azimuths_deg": [0, 120]}}, "chambers reach from 35 to 51"),
-        ({"chambers": {"radius": 0.005, "path_radius": [0.04], "azimuths_deg": [0, 120]}}, "chambers.path_radius: 1 lengths"),
+        ({"chambers": {"radius": 0.005, "path_radius": [0.04], "azimuths_deg": [0, 120]}}, "chambers.path_radius: 1 values"),
+        ({"chambers": {"radius": [0.005, 0.012], "path_radius": 0.04, "azimuths_deg": [0, 120]}}, "chambers reach from 28 to 52"),
+        ({"chambers": {"radius": [0.005, 0.0], "path_radius": 0.04, "azimuths_deg": [0, 120]}}, "chambers.radius.1 = 0.0 m"),
+        ({"chambers": {"radius": [0.005], "path_radius": 0.04, "azimuths_deg": [0, 120]}}, "chambers.radius: 1 values, must be"),
+        ({"max_pressure": [100e3] * 8}, "max_pressure: 8 values, must be one for each of 9 azimuths_deg"),
+        ({"max_pressure": [100e3] * 8 + [10.0]}, "max_pressure.8 = 10.0 Pa"),
         ({"sections": [{"length": 0.4, "inner_radius": 0.02}]}, r"sections\[0\]: spine.radius 0.029 m"),
         ({"tendons": TENDONS}, "either chambers or tendons"),
         ({"chambers": None}, "either chambers or tendons"),
-        ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4]}}, "tendons.ends: 1 lengths, must be one for each of 3"),
+        ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4]}}, "tendons.ends: 1 values, must be one for each of 3"),
         ({"chambers": None, "tendons": {**TENDONS, "ends": [0.4, 0.4, 0.5]}}, "tendons.ends: 0.5 m is beyond"),
         ({"bending_stiffness": 0.0}, "bending_stiffness = 0.0 N m\\^2"),
         ({"density": 0.0, "mass_per_length": 1.0}, "mass_per_length: needs a density"),

@@ -135,6 +135,17 @@ def test_targets_that_were_reached_are_reached_with_no_more_pressure(paper_robot
     assert found.prediction.model_sd is not None and (found.prediction.model_sd > 0).all()
 
 
+def test_each_chamber_keeps_its_own_limit(paper_robot: Robot) -> None:
+    most = np.array([50e3, 250e3, 250e3] * 3)
+    own = paper_robot.replace(max_pressure=most.tolist())
+    found = inverse(Predictor(own, cores=1), [[-0.1, 0.0, np.nan]], limits_of(own))
+    assert (found.pressures <= most).all() and (found.pressures[0] > 50e3).any()
+    shared = inverse(Predictor(own, cores=1), [[-0.1, 0.0, np.nan]], limits_of(own, GROUPS))
+    assert shared.pressures.max() == pytest.approx(50e3)
+    with pytest.warns(UserWarning, match="outside 0 to 50 or 250 kPa, .*: 60 kPa of chamber 1 in row 1"):
+        assert Predictor(own)([[60e3] * 9, [0.0] + [60e3] * 2 + [0.0] * 6]).outside.tolist() == [True, False]
+
+
 def test_targets_out_of_reach_are_told_with_the_nearest_point(paper_robot: Robot) -> None:
     robot = robot_with(paper_robot, AZIMUTH)
     nan = float("nan")
