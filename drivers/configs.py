@@ -32,6 +32,9 @@ def known_port(port: str) -> str:
     return port
 
 
+MostPressure = Annotated[float, Field(gt=0, le=1e6)]
+
+
 class InstrumentConfig(BaseModel):
     """One instrument's table: no unknown keys, no NaN, unchangeable."""
 
@@ -47,9 +50,6 @@ class InstrumentConfig(BaseModel):
             if isinstance(port, str):
                 known_port(port)
         return value
-
-
-MostPressure = Annotated[float, Field(gt=0, le=1e6)]
 
 
 class RegulatorsConfig(InstrumentConfig):

@@ -55,12 +55,8 @@ class Order:
         self._held: dict[int, _Held] = {}  # by number, frames that wait for those before them
         self._strange: list[BodySample] = []  # frames in a row whose numbers do not fit
         self._out: list[BodySample] = []  # of an earlier count, to be handed out first
-        self._anew = False  # the server may have been restarted
+        self.anew = False  # the server may have been restarted: a lower number begins a new count
         self._came = 0.0  # host time of the newest frame
-
-    def connected_again(self) -> None:
-        """The server may have been restarted: a lower number begins a new count."""
-        self._anew = True
 
     def take(self, sample: BodySample, now: float) -> bool:
         """Whether this frame, which has come at the host's time `now`, is a new one. Take what is `ready` afterwards."""
@@ -72,12 +68,12 @@ class Order:
         ahead = number - self._next
         if 0 <= ahead <= AHEAD + FASTEST * (now - self._came if self._came else 0.0):
             return self._accept(sample, now)  # the next one, or the one behind a gap
-        if newest is not None and -LATE_FRAMES <= ahead < 0 and sample.device_time <= newest.device_time and not self._anew:
+        if newest is not None and -LATE_FRAMES <= ahead < 0 and sample.device_time <= newest.device_time and not self.anew:
             return False  # too late: its place has been handed out
         if self._strange and not 0 < number - self._strange[-1].frame <= AHEAD:
             self._strange.clear()  # not in a row with this one
         self._strange.append(sample)
-        if len(self._strange) < RESTART_FRAMES and not (self._anew and ahead < 0):
+        if len(self._strange) < RESTART_FRAMES and not (self.anew and ahead < 0):
             return False
         self._begin(self._strange[0].frame)  # the server counts anew
         for earlier in self._strange[:-1]:
@@ -109,7 +105,7 @@ class Order:
         if sample.frame in self._held or (self._next is not None and sample.frame < self._next):
             return False
         self._held[sample.frame] = _Held(sample, now)
-        self._came, self._anew = now, False
+        self._came, self.anew = now, False
         if self.newest is None or sample.frame > self.newest.frame:
             self.newest = sample
         if not keep:
@@ -183,7 +179,15 @@ class NatNetMocap:
         self.close()
         self._noticed.clear()
         self._order = Order()
-        server = self._connection()
+        config = self._config
+        try:
+            server = NatNetServer(config.server, config.local, (config.command_port, config.data_port), self._heard_elsewhere)
+        except (OSError, UnicodeError) as e:
+            raise Unreachable(
+                self.name,
+                f"{config.server} cannot be reached from {config.local or 'here'} ({e}); check server and local in rig.yaml, "
+                "and the network",
+            ) from e
         try:
             identity = self._meet(server)
         except BaseException:
@@ -235,17 +239,6 @@ class NatNetMocap:
         )
 
     # -- connecting
-    def _connection(self) -> NatNetServer:
-        config = self._config
-        try:
-            return NatNetServer(config.server, config.local, (config.command_port, config.data_port), self._heard_elsewhere)
-        except (OSError, UnicodeError) as e:
-            raise Unreachable(
-                self.name,
-                f"{config.server} cannot be reached from {config.local or 'here'} ({e}); check server and local in rig.yaml, "
-                "and the network",
-            ) from e
-
     def _heard_elsewhere(self, address: str) -> None:
         """Somebody who is not the server has sent a datagram; it was thrown away."""
         self._tell(
@@ -370,7 +363,7 @@ class NatNetMocap:
                 raise Unreadable(f"the multicast group {info.group} cannot be heard ({e})") from e
         if self._silent:
             self._silent = False
-            self._order.connected_again()
+            self._order.anew = True
             self._ask_who(server, "Motive has been silent and has not said since which bodies there are")
 
     def _ask_who(self, server: NatNetServer, why: str) -> None:

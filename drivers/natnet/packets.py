@@ -226,11 +226,6 @@ def _pass_body_definition(c: Cursor, version: Version) -> None:
 Skip = Callable[[Cursor, Version], object]
 
 
-def _pass_marker_set(c: Cursor, version: Version) -> None:
-    c.text()
-    c.skip(12 * c.count(12))
-
-
 def _pass_skeleton(c: Cursor, version: Version) -> None:
     c.skip(4)
     for _ in range(c.count(1)):
@@ -253,7 +248,7 @@ def _body(c: Cursor, version: Version) -> tuple[int, RigidBody]:
 
 
 SECTIONS: tuple[tuple[str, Version, Skip], ...] = (
-    ("marker sets", (0, 0), _pass_marker_set),
+    ("marker sets", (0, 0), lambda c, _: (c.text(), c.skip(12 * c.count(12)))),
     ("unlabelled markers", (0, 0), lambda c, _: c.skip(12)),
     ("rigid bodies", (0, 0), _body),
     ("skeletons", (2, 1), _pass_skeleton),
