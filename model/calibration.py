@@ -46,7 +46,11 @@ def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | No
 
 
 def youngs_modulus(stiffness: Estimate, length: float, second_moment: float) -> Estimate:
-    """E (Pa) of a cantilever of a length (m) and a second moment (m^4), from the slope F / y (N/m) at its end; eq. 9."""
+    """E (Pa) of a cantilever of a length (m) and a second moment (m^4), from the slope F / y (N/m) at its end; eq. 8, 9.
+
+    >>> round(youngs_modulus(fit_stiffness([0.0, 0.01, 0.02], [0.0, 0.05, 0.1]), 0.3, 1e-6).value)
+    45000
+    """
     if not (length > 0 and second_moment > 0):
         raise BadCondition(f"cantilever of length {length:g} m with second moment {second_moment:g} m^4: must be positive")
     return stiffness.scaled(float(bending_compliance((0.0, length), (second_moment,))))
