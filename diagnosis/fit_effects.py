@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from model.calibration import AXES, AreaFit
+from model.calibration import AXES
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import stated_effects, tolerances
 from model.effects.spec import EffectSpec
@@ -73,8 +73,9 @@ class Fitted(Shown, FittedRobot):
     states: int
     trials: int
     findings: tuple[Finding, ...]
-    area_factor: AreaFit | None = None
-    """Of the calibrated robot without effects, for all spine lengths, tolerances fitted too. None without tips."""
+    area_factor: Estimate | None = None
+    """Of the calibrated robot without effects, for all spine lengths, tolerances fitted too. None without tips. Its residual, m,
+    is that of the tip."""
     by_actuator: tuple[ByActuator, ...] = ()
     """Of effects that are a factor on each actuator, relative to the mean."""
     left_out_mm: float | None = None
@@ -83,7 +84,7 @@ class Fitted(Shown, FittedRobot):
     """Pa by spine length (m), from pushes."""
     body_modulus: Estimate | None = None
     """Pa, from pushes."""
-    area_factor_by_length: Mapping[float, AreaFit] = field(default_factory=dict)
+    area_factor_by_length: Mapping[float, Estimate] = field(default_factory=dict)
     """One for each spine length (m), the set-up taken as exact, as the paper has it."""
     markers_mm: Mapping[int, float] = field(default_factory=dict)
     """rms of each marker that was fitted besides the tip, by its number."""
@@ -94,7 +95,7 @@ class Fitted(Shown, FittedRobot):
         for name, e in {**bodies, **{f"spine.modulus at {s:g} m": e for s, e in self.spine_modulus.items()}}.items():
             yield name, Value(e.value, e.standard_error, "Pa")
         for length, area in self.area_factor_by_length.items():
-            yield f"area_factor at {length:g} m", Value(area.factor.value, area.factor.standard_error, "1")
+            yield f"area_factor at {length:g} m", Value(area.value, area.standard_error, "1")
         yield from self.parameters.items()
         for each in self.by_actuator:
             yield from each.by_name(self.robot.actuators.words).items()
@@ -123,8 +124,10 @@ class Fitted(Shown, FittedRobot):
             "fitted_mm": self.left_mm if area else None,
             "spine_modulus": {f"{length:g}": e.as_dict() for length, e in self.spine_modulus.items()},
             "body_modulus": self.body_modulus.as_dict() if self.body_modulus else None,
-            "area_factor": area.as_dict() if area else None,
-            "area_factor_by_length": {f"{length:g}": one.as_dict() for length, one in self.area_factor_by_length.items()},
+            "area_factor": {**area.as_dict(), "rmse_m": area.rms_residual} if area else None,
+            "area_factor_by_length": {
+                f"{length:g}": {**one.as_dict(), "rmse_m": one.rms_residual} for length, one in self.area_factor_by_length.items()
+            },
             "parameters": {n: asdict(p) for n, p in self.parameters.items()},
             "by_actuator": [asdict(each) for each in self.by_actuator],
             "in_sample": True,
@@ -224,8 +227,8 @@ def fit_described(
     own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     tense = p.problem.parameters.tense(fitted.fit.theta)
-    factor, numbers = p.area_factor(baseline.theta), AXES * len(campaign)
-    area = AreaFit(Estimate(factor, stated[AREA_FACTOR].sd, numbers, numbers, rms(before) / math.sqrt(AXES)))
+    dof, states = AXES * len(campaign), len(campaign)
+    area = Estimate(p.area_factor(baseline.theta), stated[AREA_FACTOR].sd, dof, states, rms(before))
     findings = (*tracked_turn(p, fitted.fit.theta), *([beyond_tolerance(p, fitted.fit, robot, tense)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),

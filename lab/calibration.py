@@ -10,7 +10,8 @@ import numpy as np
 from diagnosis.findings import finding
 from diagnosis.fit_effects import Fitted, fit_effects
 from diagnosis.inference.executor import Progress, no_progress
-from model.calibration import fit_area_factor_by_length, fit_body_modulus, fit_spine_modulus
+from model.body import body_of
+from model.calibration import fit_area_factor_by_length, fit_spine_modulus, fit_stiffness, youngs_modulus
 from model.estimate import Estimate
 from recordings.trials import Table
 
@@ -35,7 +36,7 @@ def calibrate(case: Case, progress: Progress = no_progress) -> Fitted:
     fitted = fit_effects(case, (), progress=progress)
     robot = robot.replace(thrust=fitted.robot.thrust)
     by_length = fit_area_factor_by_length(robot, condition, tip, trial)
-    robot = robot.replace(area_factor={k: a.factor.value for k, a in by_length.items()})
+    robot = robot.replace(area_factor={k: a.value for k, a in by_length.items()})
     return replace(fitted, robot=robot, spine_modulus=spine, body_modulus=body, area_factor_by_length=by_length)
 
 
@@ -59,7 +60,8 @@ def _body_modulus(case: Case) -> Estimate | None:
     pushes = pushes.take(pushes.spine_length < 1e-3)
     if not len(pushes):
         return None
-    found = fit_body_modulus(case.robot, pushes.get("deflection"), pushes.get("force"), trial=pushes.trial)
+    slope = fit_stiffness(pushes.get("deflection"), pushes.get("force"), trial=pushes.trial)
+    found = youngs_modulus(slope, case.robot.length, body_of(case.robot).mean_second)
     place_error = 3 * (case.robot.uncertainty.push_place or 0.0) / case.robot.length * found.value
     return replace(found, standard_error=math.hypot(found.standard_error, place_error))
 

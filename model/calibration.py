@@ -6,19 +6,20 @@ absorbs something else. Both are here, with the error each leaves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from model.arrays import Array
-from model.body import annulus_second_moment, body_of
+from model.body import annulus_second_moment
 from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
 from model.rods import FINE, solve
-from model.rods.beam import bar_deflection
+from model.rods.beam import bending_compliance
 from model.section import rods_of
 
 
@@ -45,10 +46,14 @@ def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | No
 
 
 def youngs_modulus(stiffness: Estimate, length: float, second_moment: float) -> Estimate:
-    """E (Pa) of a cantilever of a length (m) and a second moment (m^4), from the slope F / y (N/m) at its end; eq. 9."""
+    """E (Pa) of a cantilever of a length (m) and a second moment (m^4), from the slope F / y (N/m) at its end; eq. 8, 9.
+
+    >>> round(youngs_modulus(fit_stiffness([0.0, 0.01, 0.02], [0.0, 0.05, 0.1]), 0.3, 1e-6).value)
+    45000
+    """
     if not (length > 0 and second_moment > 0):
         raise BadCondition(f"cantilever of length {length:g} m with second moment {second_moment:g} m^4: must be positive")
-    return stiffness.scaled(bar_deflection(length, length, second_moment))
+    return stiffness.scaled(float(bending_compliance((0.0, length), (second_moment,))))
 
 
 AXES = 3
@@ -57,30 +62,9 @@ LEAST_FACTOR, MOST_FACTOR = 0.05, 20.0
 """Bounds of A_effect / A_norm."""
 
 
-@dataclass(frozen=True)
-class AreaFit:
-    """One area factor for a set of states."""
-
-    factor: Estimate
-    """A_effect / A_norm; its residual is the rms over coordinates, m."""
-
-    @property
-    def rmse(self) -> float:
-        """Root mean square tip distance over all states, m."""
-        return float(np.sqrt(AXES)) * self.factor.rms_residual
-
-    @property
-    def states(self) -> int:
-        """Number of states fitted."""
-        return self.factor.n // AXES
-
-    def as_dict(self) -> dict[str, float]:
-        """JSON-able."""
-        return {**self.factor.as_dict(), "rmse_m": self.rmse}
-
-
-def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None) -> AreaFit:
-    """Fit one area factor for all states, by least squares on the measured tips (n, 3) m, base frame.
+def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None) -> Estimate:
+    """Fit one area factor A_effect / A_norm for all states, by least squares on the measured tips (n, 3) m, base frame; the
+    estimate's `n` counts tips, its residual is their rms distance, m.
 
     `trial` (n,) lets the readings of a trial err together. Raises `NotIdentified` when the tips do not depend on
     the factor or it runs into its bounds, `SolveFailed` when a state has no equilibrium at the fitted value.
@@ -91,7 +75,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
     >>> robot = load_robot(Path("robot.yaml"))
     >>> states = conditions(robot, 0.1, [[p] * 3 + [0.0] * 6 for p in (40e3, 80e3)])
     >>> tips = solve(rods_of(robot.replace(area_factor=1.1), states), FINE).tip
-    >>> round(fit_area_factor(robot, states, tips).factor.value, 3)
+    >>> round(fit_area_factor(robot, states, tips).value, 3)
     1.1
     """
     measured = readings(len(condition), AXES, tip=tip)["tip"]
@@ -116,12 +100,13 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
         )
     predicted = solve(rods_of(robot.replace(area_factor=value), condition), FINE).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
-    return AreaFit(estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels))
+    found = estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels)
+    return replace(found, n=len(measured), rms_residual=math.sqrt(AXES) * found.rms_residual)
 
 
 def fit_area_factor_by_length(
     robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None
-) -> dict[float, AreaFit]:
+) -> dict[float, Estimate]:
     """The paper's calibration: a factor of its own for each spine length (m). Raises as `fit_area_factor`."""
     measured = readings(len(condition), AXES, tip=tip)["tip"]
     trials = None if trial is None else np.asarray(trial)
@@ -129,20 +114,6 @@ def fit_area_factor_by_length(
         length: fit_area_factor(robot, condition[rows], measured[rows], None if trials is None else trials[rows])
         for length, rows in condition.by_spine_length()
     }
-
-
-def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:
-    """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 8.
-
-    E = k L^3 / (3 I), k the slope of force over deflection (N/m). Raises `NotIdentified` where it cannot be determined.
-
-    >>> from pathlib import Path
-    >>> from model.robot import load_robot
-    >>> robot = load_robot(Path("robot.yaml"))
-    >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
-    True
-    """
-    return youngs_modulus(fit_stiffness(deflection, force, trial), robot.length, body_of(robot).mean_second)
 
 
 def fit_spine_modulus(

@@ -88,8 +88,8 @@ def curves(robot: Robot = ROBOT) -> Curves:
         np.array([[row.mean_abs_x, row.mean_abs_z] for row in rows]),
         np.array([row.worst for row in rows]),
         float(np.linalg.norm(fine - converged, axis=1).max()),
-        np.array([fit.factor.value for fit in refitted]),
-        np.array([fit.rmse for fit in refitted]),
+        np.array([fit.value for fit in refitted]),
+        np.array([fit.rms_residual for fit in refitted]),
     )
 
 

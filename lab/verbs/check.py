@@ -451,7 +451,9 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         identity = " ".join(x for x in (r["maker"], r["model"], r["serial"], r["firmware"]) if x)
         rate = f"{r['rate_hz']:g} Hz" if r.get("rate_hz") is not None else ""
         limits = ", ".join(
-            f"{k.removeprefix('max_')} {shown(v, r['units'][k])}" for k, v in r["limits"].items() if isinstance(v, (int, float))
+            f"{k.removeprefix('max_')} {' or '.join(shown(x, r['units'][k]) for x in dict.fromkeys(np.ravel(v).tolist()))}"
+            for k, v in r["limits"].items()
+            if isinstance(v, (int, float)) or k == "max_pressure"
         )
         table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
     return table

@@ -173,8 +173,8 @@ def sheet(c: Fitted) -> Sheet:
     areas += [("tolerances", "all", c.area_factor)] if c.area_factor else []
     factor = c.robot.actuators.words.area_factor
     for kind, where, a in areas:
-        value = f"{a.factor.value:.3f} ± {a.factor.standard_error:.3f}"
-        rows.append((f"{factor}, {kind}", where, value, str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
+        value = f"{a.value:.3f} ± {a.standard_error:.3f}"
+        rows.append((f"{factor}, {kind}", where, value, str(a.n), f"{a.rms_residual * 1e3:.2f} mm rms"))
     spine = c.robot.spine is not None
     columns = ("parameter", *(("spine",) if spine else ()), "value", "states", "residual")
     shown = ((name, *((where,) if spine else ()), *rest) for name, where, *rest in rows)
@@ -185,10 +185,10 @@ def baseline_line(c: Fitted) -> str:
     """State the baseline of a diagnosis; "" where no area was fitted."""
     if (area := c.area_factor) is None:
         return ""
-    each, exact = " for all lengths" if c.robot.spine else "", max(a.rmse for a in c.area_factor_by_length.values())
+    each, exact = " for all lengths" if c.robot.spine else "", max(a.rms_residual for a in c.area_factor_by_length.values())
     return (
         f"calibrated with one {c.robot.actuators.words.area_factor}{each} and the tolerances of the set-up, the model misses the "
-        f"tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of lab diagnose, "
+        f"tip by {area.rms_residual * 1e3:.2f} mm rms on the {area.n} states (in-sample): the calibrated model of lab diagnose, "
         f"which --set-up --out FOLDER writes. Without it, robot.yaml takes the set-up as exact and misses the tip by "
         f"{'up to ' * (len(c.area_factor_by_length) > 1)}{exact * 1e3:.2f} mm"
     )

@@ -10,14 +10,6 @@ from numpy.typing import ArrayLike
 from model.arrays import Array
 
 
-def bar_deflection(length: float, load_at: float, bend_stiffness: float) -> float:
-    """y(L) / F (m/N) of a uniform bar of `length` L (m), clamped at 0 and pushed at x = `load_at` (m); eq. 8, at x = L eq. 9:
-
-    y = F (3 L - x) x^2 / (6 E I), with E I = `bend_stiffness` (N m^2).
-    """
-    return (3 * length - load_at) * load_at**2 / (6 * bend_stiffness)
-
-
 def bending_compliance(edges: Sequence[ArrayLike], bend_stiffness: Sequence[ArrayLike]) -> Array:
     """Deflection by bending per force at the tip (m/N) of a bar of parts: sum ((L - s_e)^3 - (L - s_e+1)^3) / (3 E I_e).
 

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from commands import refused
+from commands import Cli, refused
 from foreign import ROBOT, by_map
 from scipy.spatial.transform import Rotation
 
 import lab
 from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
+from diagnosis.answer.experiments import candidate_experiments
 from diagnosis.data.case import states
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.edits.search import edit_first
 from lab.files.config import ConfigError
+from lab.files.robot_file import write_robot
 from lab.verbs.fit import drawn
 from model.effects import CATALOGUE
 from model.stated import Stated
@@ -238,6 +240,28 @@ def sagging(place: Path, sd: str, mass: float, **true: Any) -> tuple[Any, Any, A
     tips = tips + 1e-4 * np.random.default_rng(1).normal(size=(len(pressure), 3))
     frame = pd.DataFrame(np.hstack([pressure, tips]), columns=["p1", "p2", "x", "y", "z"])
     return lab.case(frame, place / "given.yaml", trials={"begin": "rest"}), pressure, tips
+
+
+def test_chambers_of_two_kinds_are_imported_fitted_and_written(tmp_path: Path, cli: Cli) -> None:
+    kinds = {"radius": (4e-3, 4e-3, 3e-3), "path_radius": 12.5e-3, "azimuths_deg": (0, 120, 240)}
+    robot = lab.load_robot(ROBOT).replace(chambers=kinds, max_pressure=(50e3, 50e3, 90e3))
+    write_robot(robot, tmp_path / "robot.yaml")
+    alone = [share * robot.pressure_limits * one for one in np.eye(3) for share in (0, 0.5, 1, 0.5)]
+    tips = lab.predict(robot.replace(area_factor=1.2), alone * 2).tip
+    tips = tips + 1e-4 * np.random.default_rng(1).normal(size=tips.shape)
+    names = ("p1", "p2", "p3", *"xyz")
+    pd.DataFrame(np.hstack([alone * 2, tips]), columns=names).to_csv(tmp_path / "read.csv", index=False)
+    keys = {"columns": dict(zip(names, names, strict=True)), "trials": {"begin": "rest"}}
+    (tmp_path / "map.yaml").write_text(json.dumps(keys))
+    cli("import", tmp_path / "read.csv", "--map", tmp_path / "map.yaml", "--out", tmp_path / "case")
+    cli("fit", tmp_path / "case", "--out", tmp_path / "fitted")
+    fitted = lab.load_robot(tmp_path / "fitted" / "robot.yaml")
+    assert fitted.chambers == robot.chambers and fitted.max_pressure == robot.max_pressure
+    assert fitted.area_factor_at(0.0) == pytest.approx(1.2, abs=0.01)
+    menu = candidate_experiments(robot, states(lab.case(tmp_path / "case"))[0])
+    asked = {(max(e.protocol["pressures"]), *e.protocol["chambers"]) for e in menu}
+    assert (50e3, 1, 2, 3) in asked
+    assert all(highest <= min(robot.pressure_limits[c - 1] for c in group) for highest, *group in asked)
 
 
 def test_a_load_that_is_left_out_is_named_with_its_mass(tmp_path: Path) -> None:

@@ -65,8 +65,8 @@ def test_bending_calibrates_to_the_area_factor_of_the_virtual_robot(bending: Pat
     assert [r.branch for r in case.table] == (["load"] * 3 + ["unload"] * 2) * 2
     fit = calibrate(case)
     assert fit.area_factor is not None
-    assert fit.area_factor.factor.value == pytest.approx(virtual_lab.fakes.truth.area_factor, abs=0.01)
-    assert fit.area_factor.rmse < 0.5e-3
+    assert fit.area_factor.value == pytest.approx(virtual_lab.fakes.truth.area_factor, abs=0.01)
+    assert fit.area_factor.rms_residual < 0.5e-3
 
 
 def test_a_case_folder_reads_back_as_the_recording_does(bending: Path, tmp_path: Path) -> None:

@@ -199,7 +199,7 @@ def test_fit_gives_one_area_factor_for_all_lengths(small_case: Path, tmp_path: P
     found = cli("fit", small_case, "--json").json["area_factor"]
     (row,) = [line for line in told.splitlines() if "factor, tolerances" in line]
     assert f"{found['value']:.3f} ± {found['standard_error']:.3f}" in row
-    assert f"{lab.fit(lab.case(small_case)).area_factor.factor.value:.3f}" in row  # type: ignore[union-attr]
+    assert f"{lab.fit(lab.case(small_case)).area_factor.value:.3f}" in row  # type: ignore[union-attr]
     assert len(re.findall(r"\d\.\d+ ± ", told)) == 3  # two lengths and all
     rows = (small_case / "trials.csv").read_text().count("\n") - 1
     counts = [int(line.split("│")[4]) for line in told.splitlines() if "area factor, " in line]

@@ -78,7 +78,7 @@ def test_thrust_that_robot_yaml_states_acts_in_every_prediction(paper_robot: Rob
     pressures = [np.multiply(bent, share) for share in (0.3, 0.6, 1.0)]
     tips = lab.predict(walls.replace(area_factor=1.2), pressures).tip
     fitted = fit_area_factor(walls, conditions(walls, [0.0] * 3, pressures), tips)
-    assert fitted.factor.value == pytest.approx(1.2, rel=1e-4)
+    assert fitted.value == pytest.approx(1.2, rel=1e-4)
 
 
 def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceFault
 from drivers.ft300s import driver as ft300s
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample, Vector6, WrenchSample
-from lab.files.rig_file import RigFile
+from lab.files.rig_file import RigFile, within_robot
 from lab.guard.limit_monitor import LimitMonitor, NotHeld
 from lab.guard.pulse import AGREE, BEAT, FORCE, FORCE_RANGE, FRESH, MOMENT, MOMENT_RANGE, ForceLimit, Listener, Pulse, overload
 
@@ -98,6 +98,13 @@ def test_a_reading_that_cannot_be_or_must_not_be_lands_the_rig_at_once(sample: A
     assert (found is not None) is (words is not None)
     if found is not None:
         assert type(found) is DeviceFault and str(words) in str(found)
+
+
+def test_each_channel_has_a_limit_of_its_own() -> None:
+    monitor = LimitMonitor(within_robot(RIG, (200e3,) * 8 + (100e3,)))  # chamber 9 is on the first channel
+    assert monitor.check("pressure", PressureSample(0.0, (0.0,) * 3, (125e3, 225e3, 225e3))) is None
+    found = monitor.check("pressure", PressureSample(0.1, (0.0,) * 3, (135e3, 0.0, 0.0)))
+    assert "channel 1 measures 135.0 kPa, limit 130.0 kPa" in str(found)
 
 
 def test_a_regulator_that_forgot_its_setpoint_lands_the_rig() -> None:
