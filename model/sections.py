@@ -84,8 +84,8 @@ def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, drive
         k = int(np.argmax(crosses))
         yield (
             f"{place}chambers reach from {1e3 * low[k]:g} to {1e3 * high[k]:g} mm off the axis, the wall from inner_radius "
-            f"{1e3 * inner[k]:g} to outer_radius {1e3 * outer[k]:g} mm: change chambers.path_radius or chambers.radius; of bellows "
-            "beside a core the radii enclose both, and bending_stiffness, axial_stiffness and mass_per_length say what it is"
+            f"{1e3 * inner[k]:g} to outer_radius {1e3 * outer[k]:g} mm: change chambers.path_radius or chambers.radius; of "
+            "bellows beside a core the radii enclose both: state bending_stiffness, axial_stiffness and mass_per_length, too"
         )
     if spine is not None and (spine > inner * (1 + 1e-9)).any():
         yield f"{place}spine.radius {spine:g} m must not exceed inner_radius {inner.min():g} m"

@@ -17,7 +17,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import compress
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import Fit, fit
-from ..inference.jacobian import Columns
 from ..inference.posterior import Related, log_weight
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import FitParameters, MaskedForward, derivatives
@@ -143,11 +141,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
     slope = derivatives(forward, theta, own)[1].whole[p.kept]
     known, made = problem.parameters, parameters(tuple(forward.parameters[i] for i in own))
-    beside = known.calibration & ~known.of_effect
-    wider = replace(known, infos=known.infos + made.infos, sd=np.append(known.sd, made.sd))
-    # of all that is fitted in every model, the only other columns that count: those of trials are many
-    of_fit = c.fit.derivatives(problem).every.take(beside).coloured(problem.noise, known.sd[beside])
-    columns = Columns.of(np.hstack([of_fit.whole, slope]))
-    of_columns = replace(made, infos=(*compress(known.infos, beside), *made.infos), sd=np.append(known.sd[beside], made.sd))
-    least = least_sizes(of_columns, p.labels, columns, p.noise_floor)[beside.sum() :]
-    return replace(wider, least=known.least + least), problem.noise.whiten(slope * made.sd)
+    of_fit = c.fit.derivatives(problem).every.coloured(problem.noise, known.sd)
+    least = least_sizes(made, slope, known, of_fit, p.labels, p.noise_floor)
+    wider = replace(known, infos=known.infos + made.infos, sd=np.append(known.sd, made.sd), least=known.least + least)
+    return wider, problem.noise.whiten(slope * made.sd)

@@ -182,7 +182,7 @@ def prepare(
         sd[at] = _face_obstacle(forward, states, labels, observed[kept], left, float(sd[at]))
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(made, sd=sd, least=least_sizes(made, labels, slope, known_floor)),
+        replace(made, sd=sd, least=least_sizes(made, slope.take(made.of_effect).whole, made, slope, labels, known_floor)),
         observed[kept],
         noise,
         smooth,
@@ -267,15 +267,16 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     return FitParameters(own, np.array([p.sd for p in own]), (LEAST_NAMED_SIZE,) * len(own))
 
 
-def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: float) -> tuple[float, ...]:
+def least_sizes(
+    made: FitParameters, by_effects: Array, beside: FitParameters, slope: Columns, labels: Labels, floor: float
+) -> tuple[float, ...]:
     """Size of each effect's parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the
-    tip beyond the calibration, to first order at zero, at most `LEAST_NAMED_SIZE`; at least what its effect asks for."""
+    tip beyond the calibration, to first order at zero, at most `LEAST_NAMED_SIZE`; at least what its effect asks for. Derivatives
+    (n, p) by these, and by all parameters `beside`, among them those of the calibration."""
     tips, out = labels.kind == 0, np.full(len(made.infos), LEAST_NAMED_SIZE)
     if not tips.any():
         return tuple(out.tolist())
-    own = made.of_effect
-    tip_slope = slope.rows(tips)
-    left = made.beyond_calibration(tip_slope.take(own).whole * made.scale, tip_slope)
+    left = beside.beyond_calibration(by_effects[tips] * made.scale, slope.rows(tips))
     carried = np.sqrt((left**2).sum(axis=0) / len(np.unique(labels.state[tips])))
-    out[own] = np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY))
+    out[made.of_effect] = np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY))
     return tuple(np.maximum(out, [p.least / p.sd for p in made.infos]).tolist())
