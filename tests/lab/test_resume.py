@@ -16,7 +16,7 @@ from terminal import Terminal
 from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_ctrl_c, recorded, settings
 
 import timing
-from benchmarks.faults.night import KILL, Night, Trouble, write_campaign
+from benchmarks.faults.night import write_campaign
 from lab.campaign.design import campaign_of, planned_table
 from lab.files.checked import recording_of
 from lab.files.inputs import read_case
@@ -237,19 +237,6 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualL
     (folder / "campaign.yaml").write_text(yaml.safe_dump(changed))
     assert lab(*words[1:]) == 2
     assert lab(*command) == 2  # the folder holds a campaign
-
-
-@pytest.mark.long
-def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(real_lab: VirtualLab, tmp_path: Path) -> None:
-    file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03, 0.06), 1, unload=False)
-    troubles = (Trouble(0, 0, KILL, 0.3), Trouble(2, 2, KILL), Trouble(3, 1, "gauge silence"))
-    report = Night(real_lab.fakes, real_lab.rig, file, tmp_path / "night", troubles).go()
-    assert report.kills == 2 and report.faults == 1 and report.sessions >= 3 and report.torn >= 1
-    assert report.planned == report.found == 9 and report.sound, report
-    torn = [Recording.open(f) for f in (tmp_path / "night").glob("0002-*/*-recovered.mcap")]
-    assert len(torn) == 1 and torn[0].metadata[RECORD]["run"] == "2"
-    lines = [json.loads(line) for line in (tmp_path / "night" / "campaign.journal").read_text().splitlines()]
-    assert sorted(line["run"] for line in lines if line.get("outcome") == "completed" and "run" in line) == [1, 2, 3]
 
 
 def test_a_crash_between_a_run_s_end_and_the_journal_does_not_run_it_again(virtual_lab: VirtualLab, tmp_path: Path) -> None:
