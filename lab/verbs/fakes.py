@@ -69,7 +69,6 @@ def serve(a: argparse.Namespace) -> Result:
     if err.is_terminal:
         err.print("Starting the fakes; compiling their physics takes up to a minute on a busy computer ..")
     rig = _rig(a)
-    _demand_agreement(rig.rig_file()["instruments"])
     ended = threading.Event()
     for caught in (signal.SIGINT, signal.SIGTERM):
         signal.signal(caught, lambda *_: ended.set())
@@ -147,20 +146,6 @@ def _asked(option: str, role: str, driver: str) -> str:
     if drivers()[driver].role != role:
         raise ConfigError(f"{option}: its fake is for {role}, its driver for {drivers()[driver].role}; make them agree")
     return driver
-
-
-def _demand_agreement(instruments: Mapping[str, Any]) -> None:
-    """Raise ConfigError if a package's driver rejects the settings of its own fake."""
-    named = {**instruments, **{f"sensors.{k}": v for k, v in instruments.get("sensors", {}).items()}}
-    for key, table in named.items():
-        driver = table.get("driver")
-        if not isinstance(driver, str) or driver in OWN:
-            continue
-        try:
-            drivers()[driver].config.model_validate(table)
-        except ValidationError as e:
-            faults = "; ".join(f"{'.'.join(map(str, f['loc']))} = {f['input']!r}: {f['msg']}" for f in e.errors())
-            raise ConfigError(f"{key}: the driver {driver} rejects the settings of its own fake: {faults}") from e
 
 
 def _rig(a: argparse.Namespace) -> FakeRig:

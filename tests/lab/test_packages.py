@@ -31,11 +31,6 @@ class Config(GaugeConfig):
     port: str
 DRIVER = Driver("gauge", Config, print)
 """
-LOST = """
-class Lost:
-    def start(self): ...
-    def stop(self): ...
-"""
 FAKE = """
 from sim_fakes.instrument import Fake
 FAKE = Fake("{role}", lambda site: [], lambda site, parts: dict())
@@ -154,13 +149,6 @@ def test_fakes(install: Install, cli: Cli, tmp_path: Path) -> None:
         text = cli("fakes", *words, code=2).flat_err
         assert told in text, text
     assert "package greedy 1.0: entry point pfeiffer" in text  # played all the same, by ours
-
-
-def test_a_fake_that_its_own_driver_would_refuse_is_told_before_it_is_started(install: Install, cli: Cli) -> None:
-    text = DRIVER + LOST + FAKE.format(role="gauge").replace("[]", "[Lost()]")
-    install("apart", text, fakes={"apart": ":FAKE"}, drivers={"apart": ":DRIVER"})
-    told = cli("fakes", "--gauge", "apart", code=2).flat_err
-    assert "gauge: the driver apart rejects the settings of its own fake: port =" in told
 
 
 def rig_with(path: Path, driver: str) -> Path:
