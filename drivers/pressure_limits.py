@@ -30,8 +30,7 @@ def let_off(vent: Callable[[], None], measured: Callable[[], Sequence[float]]) -
 
 
 class PressureLimits:
-    """Clips set-points (Pa gauge) to 0..max_pressure, of all channels or of each, and to max_rate (Pa/s of the rig's clock)
-    since the previous set.
+    """Clips set-points (Pa gauge) to 0..max_pressure, one or one a channel, and to max_rate (Pa/s of the rig's clock).
 
     The rate is judged on the values allowed before, not on what the instrument made of them: rounding to its steps
     would otherwise hold a slow ramp at its start for ever.

@@ -163,17 +163,12 @@ def _model_tips(bench: Bench, robot: Robot) -> Array | None:
     """(1 + channels, 3) m, base frame: the rod model's tip at rest, and with each channel at `STEP`; None without cameras."""
     if bench.mocap is None:
         return None
-    from model.condition import conditions
-    from model.rods import FINE, solve
-    from model.section import rods_of
+    from model.prediction import Predictor
 
-    pressures = np.zeros((1 + len(bench.chambers.channels), bench.chambers.count))
-    for row, group in enumerate(bench.chambers.channels, 1):
-        pressures[row, [c - 1 for c in group]] = STEP
-    n = len(pressures)
-    states = conditions(robot, np.zeros(n), pressures, np.full(n, robot.tip_mass), np.zeros(n))
-    tips = solve(rods_of(robot, states), FINE)
-    return tips.tip if tips.converged.all() else None
+    chambers = np.arange(1, bench.chambers.count + 1)
+    driven = [np.isin(chambers, group) for group in ((), *bench.chambers.channels)]
+    tip = Predictor(robot)(STEP * np.array(driven, float)).tip
+    return tip if np.isfinite(tip).all() else None
 
 
 def calibrate(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[str]:
