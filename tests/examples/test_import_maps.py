@@ -21,12 +21,6 @@ SENSOR, GLUED = np.array([0.014514, 0.0, 0.0]), Rotation.from_rotvec([0.0, np.pi
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 
 
-@pytest.fixture(autouse=True)
-def _undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the states of each import; tests/lab/test_import_trials.py looks at such pictures."""
-    monkeypatch.setattr("lab.pages.import_figure.draw", lambda made, robot, path: path.touch())
-
-
 def write_c3d(path: Path, points: np.ndarray, labels: list[str], rate: float = 100.0) -> None:
     """A C3D file by the library's own writer; frames (n, k, 3) m."""
     writer = c3d.Writer(point_rate=rate, point_scale=-1.0)

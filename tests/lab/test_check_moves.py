@@ -102,13 +102,6 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
     assert Recording.open(second).metadata["check"]["moved"] == "no"
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("full_scale", [100e3, 500e3, 900e3])
-def test_an_itv_of_the_range_in_rig_yaml_passes(start: Start, cli: Cli, full_scale: float) -> None:
-    fakes, rig = start(FakeRegulators("smc_itv", full_scale=full_scale))
-    checked(rig, cli)
-
-
 LONG, MORE, LESS = pytest.mark.long, "more than it reads; correct full_scale", "less than it reads"
 
 

@@ -363,10 +363,8 @@ def test_what_changed_is_edited_where_it_stands(kind: str) -> None:
 
 def test_si_numbers_read_back_to_the_last_bit() -> None:
     given = ARM.replace("radius: 4 mm", "radius: 0.004").replace("3 cm", "3e-2")
-    chambers = robot_of(given).model_dump()["chambers"] | {
-        "radius": [0.01 / 3, 0.004, 0.004],
-        "path_radius": [0.1 / 3, 0.03, 0.031],
-    }
+    chambers = robot_of(given).model_dump()["chambers"]
+    chambers |= {"radius": [0.01 / 3, 0.004, 0.004], "path_radius": [0.1 / 3, 0.03, 0.031]}
     robot = changed(robot_of(given), outer_radius=0.13 / 3, youngs_modulus=1e6 / 3, chambers=chambers)
     text = robot_yaml(robot, given)
     assert robot_of(text) == robot and f"  radius: [{0.01 / 3}, 0.004, 0.004]" in text

@@ -51,7 +51,7 @@ GIVEN = {"bending_stiffness": 0.04, "axial_stiffness": 700.0, "torsional_stiffne
 
 
 UNEVEN = {
-    "chambers": {"radius": (0.004, 0.0035, 0.003), "path_radius": (0.0105, 0.0125, 0.0145), "azimuths_deg": (0.0, 120.0, 240.0)}
+    "chambers": {"radius": (4e-3, 3.5e-3, 3e-3), "path_radius": (0.0105, 0.0125, 0.0145), "azimuths_deg": (0.0, 120.0, 240.0)}
 }
 
 
