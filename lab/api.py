@@ -152,11 +152,10 @@ def inverse(
 Robot.predict, Robot.inverse = predict, inverse
 
 
-def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = False, set_up: bool = False) -> Fitted:
+def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = False) -> Fitted:
     """The calibrated robot, `.robot`, and what was fitted, with its uncertainty. Raises ConfigError, DiagnosisError, BadEffect.
 
-    Without effects: moduli from stiffness trials and area factors from tips. `effects`: these, area factor and tolerances, which
-    `set_up` fits also without any.
+    Without effects: moduli from stiffness trials and area factors from tips. `effects`: these, area factor and tolerances.
     `residual`: what the model still misses is learnt on top, for predictions.
 
     >>> fitted = fit(case("campaign"))
@@ -173,7 +172,7 @@ def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = Fals
     from .files.own_effects import catalogue
 
     _demand_case("fit", measured)
-    if not (effects or residual or set_up):
+    if not effects and not residual:
         return calibrate(Case(measured.robot.plain, measured.table))
     named = [effects] if isinstance(effects, str) else effects
     return fit_effects(measured, named, catalogue(measured.robot)[0], residual=residual)
