@@ -77,14 +77,17 @@ class Actuators:
         self._samples, guard_samples = Pipe(duplex=False)
         guard_pulse, pulse = os.pipe()
         guard_files = (guard_commands.fileno(), guard_pulse, guard_samples.fileno())
-        try:  # Ctrl-C is not for the guard
-            with guard_commands, guard_samples, os.fdopen(guard_pulse), _signals_blocked():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # the guard inherits that: Ctrl-C is not for it
+        try:
+            with guard_commands, guard_samples, os.fdopen(guard_pulse):
                 self._process = start_child("lab.guard.process", guard_files)
         except BaseException:
             self._commands.close()
             self._samples.close()
             os.close(pulse)
             raise
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self.pulse = Pulse(pulse)
         self._last_sign = self.pulse.awake.now
         """When the guard last gave a sign of life, on the clock of this process's being awake."""
@@ -227,13 +230,3 @@ class Actuators:
             LIVING_ON.append(self._process)
             return
         end_child(self._process, 5.0)
-
-
-@contextlib.contextmanager
-def _signals_blocked() -> Any:
-    """Block the signals SIGNALS while this is entered: a process that is started meanwhile inherits that."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

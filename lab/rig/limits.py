@@ -183,14 +183,12 @@ def _pressures(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterat
     groups = () if regulators is None else zip(regulators.limits, regulators.chambers, strict=True)
     of_rig = {chamber: limit for limit, group in groups for chamber in group}
     of_robot = {} if robot.max_pressure is None else dict(enumerate(robot.pressure_limits.tolist(), 1))
-    for limits, own_key, file in (
-        (of_robot, "max_pressure", rig.robot), (of_rig, "instruments.pressure.max_pressure", path)
-    ):  # fmt: skip
+    for limits, key, file in ((of_robot, "max_pressure", rig.robot), (of_rig, "instruments.pressure.max_pressure", path)):
         for limit in dict.fromkeys(limits.values()) or (None,):
             alike = [chamber for chamber, own in limits.items() if own == limit]
             kind = f" of {robot.actuators.words.group(alike)}" if len(alike) < len(limits) else ""
             held = (p for chamber, p in enumerate(ask.pressures, 1) if not kind or chamber in alike)
-            yield StepDemand(f"pressure{kind}", max(held, default=0.0), "Pa", limit, own_key, file)
+            yield StepDemand(f"pressure{kind}", max(held, default=0.0), "Pa", limit, key, file)
 
 
 def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
