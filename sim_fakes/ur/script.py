@@ -8,15 +8,12 @@ running, bits 16-22 count of writes, bits 24-30 number of the operation.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from .kinematics import Array, pose_matrix, pose_vector
 from .motion import ArmMotion, JointMove, LinearMove, Motion, ProgramError, stop_joints, stop_linear
-
-if TYPE_CHECKING:
-    from .controller import FakeController
 
 READY, DONE = 1, 2
 
@@ -24,12 +21,41 @@ SPEED_RANGE = {"joint": (3.14, 40.0), "tool": (3.0, 150.0)}
 """Largest speed and acceleration the script accepts: rad/s and rad/s^2, m/s and m/s^2."""
 
 
+class Host(Protocol):
+    """What the script needs of the controller it runs on."""
+
+    arm: ArmMotion
+
+    def read_int(self, index: int) -> int:
+        """Input int register."""
+
+    def read_double(self, index: int) -> float:
+        """Input double register."""
+
+    def write_int(self, index: int, value: int) -> None:
+        """Output int register."""
+
+    def write_double(self, index: int, value: float) -> None:
+        """Output double register."""
+
+    def start_watchdog(self, frequency: float) -> None:
+        """End the program when input int 0 is written less often than this (Hz)."""
+
+    def protective_stop(self, reason: str) -> None:
+        """Stop the arm by the safety system."""
+
+    def note_command(self, name: str, values: list[float]) -> None:
+        """Keep a command for the log."""
+
+    def set_payload(self, mass: float, centre: Array) -> None:
+        """Take this mass (kg) and its centre (m) to be at the flange."""
+
+
 class ControlScript:
     """One run of the script, from its upload until it ends."""
 
-    def __init__(self, host: FakeController, offset: int) -> None:
-        self.host, self.offset = host, offset
-        self.arm: ArmMotion = host.arm
+    def __init__(self, host: Host, offset: int) -> None:
+        self.host, self.arm, self.offset = host, host.arm, offset
         self._executing = False  # the command in the register was taken and is not cleared yet
         self._blocking: Motion | None = None  # no command is taken before its end
         self._move: Motion | None = None  # in the background, as is `_stop`

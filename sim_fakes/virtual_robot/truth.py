@@ -8,6 +8,7 @@ instruments.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.
 
 HANGING_STAND = ((1.0, 0.0, 0.0, 0.50), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.70), (0.0, 0.0, 0.0, 1.0))
 """A specimen clamped 0.7 m above the arm's base, hanging down; its x axis is the arm's x axis."""
+
+
+Radius = Annotated[float, Field(gt=0, le=0.1)]
 
 
 class RobotTruth(BaseModel):
@@ -44,7 +48,7 @@ class RobotTruth(BaseModel):
     """Arc lengths of the body markers, m."""
 
     # chambers
-    chamber_radius: float | tuple[float, ...] = 0.005
+    chamber_radius: Radius | tuple[Radius, ...] = 0.005
     """m, of all chambers or of each."""
     chamber_path_radius: float | tuple[float, ...] = 0.04
     """m, of all chambers or of each."""
