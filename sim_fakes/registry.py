@@ -7,6 +7,7 @@ that it announces in `softlab.drivers`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -28,13 +29,9 @@ LETTERS = "ABCDEFGHI"
 
 
 def _alicat(site: Site) -> list[PtyFake]:
-    how = site.regulators
-    units = LETTERS[: len(site.hoses)]
-    fake = AlicatFake(
-        site.plant, site.clock, units, site.hoses, seed=site.seed, full_scale=site.full_scale, firmware=how.firmware,
-        unit=how.unit,
-    )  # fmt: skip
-    return [fake]
+    how, units = site.regulators, LETTERS[: len(site.hoses)]
+    made = partial(AlicatFake, seed=site.seed, full_scale=site.full_scale, firmware=how.firmware, unit=how.unit)
+    return [made(site.plant, site.clock, units, site.hoses)]
 
 
 def _alicat_table(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from . import variables
 from .kinematics import UR5_CB3, UR5E, Array, forward, pose_vector
 from .motion import ArmMotion, JointOverspeed, ProgramError
-from .script import ControlScript
+from .script import ControlScript, Host
 
 
 class Runtime(IntEnum):
@@ -93,7 +93,7 @@ class ArmCommand:
 
 
 @dataclass
-class FakeController:
+class FakeController(Host):
     """State of one controller."""
 
     version: variables.Version = (3, 15, 8, 106339)
@@ -273,22 +273,6 @@ class FakeController:
             self.ended.append(reason)
 
     # -- what the control script needs
-    def read_int(self, index: int) -> int:
-        """Input int register."""
-        return int(self.inputs[f"input_int_register_{index}"])  # type: ignore[arg-type]
-
-    def read_double(self, index: int) -> float:
-        """Input double register."""
-        return float(self.inputs[f"input_double_register_{index}"])  # type: ignore[arg-type]
-
-    def write_int(self, index: int, value: int) -> None:
-        """Output int register."""
-        self.out_int[index] = value
-
-    def write_double(self, index: int, value: float) -> None:
-        """Output double register."""
-        self.out_double[index] = value
-
     def start_watchdog(self, frequency: float) -> None:
         """End the program when input int 0 is written less often than `frequency` (Hz, host time)."""
         self._watchdog, self._starving = frequency, 0.0

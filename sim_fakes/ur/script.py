@@ -25,18 +25,25 @@ class Host(Protocol):
     """What the script needs of the controller it runs on."""
 
     arm: ArmMotion
+    inputs: dict[str, float | list[float]]
+    out_int: list[int]
+    out_double: list[float]
 
     def read_int(self, index: int) -> int:
         """Input int register."""
+        return int(self.inputs[f"input_int_register_{index}"])  # type: ignore[arg-type]
 
     def read_double(self, index: int) -> float:
         """Input double register."""
+        return float(self.inputs[f"input_double_register_{index}"])  # type: ignore[arg-type]
 
     def write_int(self, index: int, value: int) -> None:
         """Output int register."""
+        self.out_int[index] = value
 
     def write_double(self, index: int, value: float) -> None:
         """Output double register."""
+        self.out_double[index] = value
 
     def start_watchdog(self, frequency: float) -> None:
         """End the program when input int 0 is written less often than this (Hz)."""
