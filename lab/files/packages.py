@@ -28,6 +28,9 @@ Unpack = Callable[[str, object], Mapping[str, T]]
 """What an entry point of this name gives, by name; raises `Unusable`."""
 
 
+REMEDY = "repair it or remove it: pip uninstall "
+
+
 class Unusable(ValueError):
     """The announced object does not fit its group; the message lists all faults."""
 
@@ -43,56 +46,40 @@ class Registered(Generic[T]):
     """Usable names that another package also announces, in vain: the same."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One entry point, and the package that it comes from."""
-
-    point: importlib.metadata.EntryPoint
-    package: str
-    version: str
-
-    def __str__(self) -> str:
-        return f"package {self.package} {self.version}: entry point {self.point.name} = {self.point.value} of {self.point.group}"
-
-    @property
-    def remedy(self) -> str:
-        """What a person can do about it."""
-        return f"repair it or remove it: pip uninstall {self.package}"
-
-
 def installed(
     group: str, ours: Mapping[str, T], unpack: Unpack[T], missing: Mapping[str, str] = MappingProxyType({})
 ) -> Registered[T]:
     """The project's own objects and those of installed packages; `missing`: own ones that cannot be used here, and why."""
-    offers: dict[str, list[tuple[Entry, T]]] = {}
+    offers: dict[str, list[tuple[str, str, str, T]]] = {}  # by name: entry point, its package and version, what it offers
     faults: dict[str, list[str]] = {}
     for point in importlib.metadata.entry_points(group=group):
         about = point.dist
-        entry = Entry(point, about.name if about else "of unknown name", about.version if about else "")
+        package, version = (about.name, about.version) if about else ("of unknown name", "")
+        entry = f"package {package} {version}: entry point {point.name} = {point.value} of {group}"
         try:
-            things = unpack(entry.point.name, entry.point.load())
+            things = unpack(point.name, point.load())
         except Unusable as error:
-            faults.setdefault(entry.point.name, []).append(f"{entry}: {error}; {entry.remedy}")
+            faults.setdefault(point.name, []).append(f"{entry}: {error}; {REMEDY}{package}")
         except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a package of others raises must not keep a rig from landing
-            why = f"{entry}: cannot be loaded: {type(error).__name__}: {error}; {entry.remedy}"
-            faults.setdefault(entry.point.name, []).append(why)
+            why = f"{entry}: cannot be loaded: {type(error).__name__}: {error}; {REMEDY}{package}"
+            faults.setdefault(point.name, []).append(why)
         else:
             for name, thing in things.items():
-                offers.setdefault(name, []).append((entry, thing))
+                offers.setdefault(name, []).append((entry, package, version, thing))
     usable, broken, doubts = dict(ours), dict(missing), {}
     for name in {**offers, **faults}:  # who has each: the project, else the one package that offers it
         offered, wrong = offers.get(name, []), faults.get(name, [])
         if name in ours or name in missing:
-            refused = [f"{e}: the name {name} belongs to this software and cannot be replaced; {e.remedy}" for e, _ in offered]
-            doubts[name] = "\n".join([*refused, *wrong])
+            why = f"the name {name} belongs to this software and cannot be replaced; {REMEDY}"
+            doubts[name] = "\n".join([*(f"{entry}: {why}{package}" for entry, package, *_ in offered), *wrong])
         elif len(offered) == 1:
-            usable[name] = offered[0][1]
+            usable[name] = offered[0][-1]
             if wrong:
                 doubts[name] = "\n".join(wrong)
         elif offered:  # chance would decide which is used
-            entries = sorted((entry for entry, _ in offered), key=str)
-            packages = " and ".join(f"{e.package} {e.version}" for e in entries)
-            each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(e.package for e in entries))
+            offered.sort(key=lambda one: one[0])
+            packages = " and ".join(f"{package} {version}" for _, package, version, _ in offered)
+            each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(package for _, package, *_ in offered))
             broken[name] = f"packages {packages} both register {name}, so neither is used; keep one: {each}"
         else:
             broken[name] = "\n".join(wrong)
