@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Column
@@ -59,7 +58,16 @@ def run(a: argparse.Namespace) -> Result:
     open_end = "" if robot.max_pressure is not None else f", and robot.yaml states no max_{words.pressure}"
     in_all, trials = counted(len(table), "state"), counted(len(np.unique(table.trial)), "trial")
     plan = f"plan: {in_all} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
-    return Result(_dict(powers, added, design), partial(_show, plan, powers, added))
+    answer = {
+        "schema": "power/1",
+        "noise_floor_mm": max(part.floor for part in design.where) * 1e3,
+        **{name: {**p.to_dict(), "right_other_laws": p.right * OTHER_LAWS[name]} for name, p in powers.items()},
+        "additions": [
+            {key: getattr(a.experiment, key) for key in ("id", "do", "cost_min")} | {"right": a.right, "gained": a.gained}
+            for a in added
+        ],
+    }
+    return Result(answer, partial(_show, plan, powers, added))
 
 
 def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
@@ -86,19 +94,6 @@ def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
     facts = robot_facts(robot, rig)
     _, parameters, plan = protocol_plan(source_of(a.protocol, a.set), facts)
     return robot, partial(foreseen, robot, planned_columns(planned_rows(plan, parameters, facts.chambers), robot, READ))
-
-
-def _dict(powers: dict[str, Power], brings: tuple[Addition, ...], design: Planned) -> dict[str, Any]:
-    added = [
-        {"id": a.experiment.id, "do": a.experiment.do, "cost_min": a.experiment.cost_min, "right": a.right, "gained": a.gained}
-        for a in brings
-    ]
-    return {
-        "schema": "power/1",
-        "noise_floor_mm": max(part.floor for part in design.where) * 1e3,
-        **{name: {**p.to_dict(), "right_other_laws": p.right * OTHER_LAWS[name]} for name, p in powers.items()},
-        "additions": added,
-    }
 
 
 def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> None:
