@@ -81,15 +81,6 @@ class Moved:
     text: str
 
 
-@dataclass(frozen=True)
-class Checked:
-    """A check that was passed."""
-
-    when: str
-    """Local date and time."""
-    seen: tuple[Moved, ...]
-
-
 def digest(rig: RigFile) -> str:
     """SHA-256 of what the check depends on: instruments' tables but limits and time-outs, and where the stand is."""
     tables = rig.model_dump(mode="json", include={"instruments", "stand"})
@@ -111,13 +102,14 @@ def keep(rig_path: Path, rig: RigFile, seen: Sequence[Moved], adapters: Mapping[
     replaced(path, json.dumps(result, indent=1) + "\n")
 
 
-def last(rig_path: Path, rig: RigFile) -> Checked | str:
-    """The last check that is valid for the present rig.yaml, or why there is none."""
+def last(rig_path: Path, rig: RigFile) -> dict[str, str] | str:
+    """The last check that is valid for the present rig.yaml, or why there is none: local date and time under `moved`, and the
+    observation of each actuator."""
     try:
         data: Any = json.loads(place(rig_path).read_text(encoding="utf-8"))
         if data["digest"] != digest(rig):
             return f"instruments or stand of {rig_path} were changed after the check of {data['when']}"
-        return Checked(str(data["when"]), tuple(Moved(**m) for m in data["seen"]))
+        return {"moved": str(data["when"]), **{str(m["what"]): str(m["text"]) for m in data["seen"]}}
     except FileNotFoundError:
         return f"{rig_path} has not passed `lab check --move`"
     except (OSError, ValueError, KeyError, TypeError):

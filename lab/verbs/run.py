@@ -476,13 +476,14 @@ def execute(
     journal = Journal.begin(file, j.experiment.name) if broken is None else Journal.reopen(broken.journal)
     if broken is not None:
         journal.recording(file, finished + 1)
+    checked = last(j.rig_path, j.rig)
     recorder = rig.recorder(
         file,
         attachments={**j.rig.texts, "protocol.yaml": j.protocol_yaml.encode(), PLAN: json.dumps(plan_dict(j.plan)).encode()}
         | ({"protocol.py": j.experiment.code} if j.experiment.source is not None else {}),
         metadata=provenance(rig.identities)
         | campaign(journal.campaign, journal.path.name, finished + 1)
-        | _checked(j)
+        | {"check": {"moved": "no", "why": checked} if isinstance(checked, str) else checked}
         | ({RECORD: dict(j.labels)} if j.labels else {}),
         journal=journal,
         rescue=[j.rig_path.absolute().parent],
@@ -561,14 +562,6 @@ def _keys(steering: Steering, screen: Screen) -> Iterator[Callable[[], contextli
     screen.say(HELP)
     with Keys(sys.stdin.fileno(), Line(steering, screen.say, screen.typed)) as keys:
         yield keys.lent
-
-
-def _checked(j: Job) -> dict[str, dict[str, str]]:
-    """Metadata on when the rig last passed its movement check, or why that is unknown."""
-    check = last(j.rig_path, j.rig)
-    if isinstance(check, str):
-        return {"check": {"moved": "no", "why": check}}
-    return {"check": {"moved": check.when} | {m.what: m.text for m in check.seen}}
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
