@@ -70,11 +70,6 @@ class Signature:
         """Root mean square of the change, m or N."""
         return float(np.sqrt((self.change**2).sum(axis=-1).mean())) if self.change.size else 0.0
 
-    @property
-    def shown(self) -> Array:
-        """(l, k) the component that moves most, mm or N."""
-        return self.change[..., self.axis] * (1.0 if self.how == "stiffness" else 1e3)
-
 
 def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> list[Signature]:
     """The signature of every effect, on the first kind of experiment that shows it."""
@@ -180,7 +175,8 @@ def draw(effect_signatures: list[Signature], path: Path, words: Words) -> Path:
 def _panel(axis: Axes, s: Signature, words: Words) -> None:
     """Draw one signature: a curve for each spine length, dashed on the way down."""
     stiffness = s.how == "stiffness"
-    for x, y, colour in zip(s.x, s.shown, colours(len(s.x)), strict=True):
+    changes = s.change[..., s.axis] * (1.0 if stiffness else 1e3)  # of the component that moves most, mm or N
+    for x, y, colour in zip(s.x, changes, colours(len(s.x)), strict=True):
         top = int(np.argmax(x))
         scaled = x * 1e3 if stiffness else x / words.pascal
         axis.plot(scaled[: top + 1], y[: top + 1], color=colour, lw=1.2)
