@@ -152,10 +152,11 @@ def inverse(
 Robot.predict, Robot.inverse = predict, inverse
 
 
-def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = False) -> Fitted:
+def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = False, set_up: bool = False) -> Fitted:
     """The calibrated robot, `.robot`, and what was fitted, with its uncertainty. Raises ConfigError, DiagnosisError, BadEffect.
 
-    Without effects: moduli from stiffness trials and area factors from tips. `effects`: these, area factor and tolerances.
+    Without effects: moduli from stiffness trials and area factors from tips. `effects`: these, area factor and tolerances, which
+    `set_up` fits also without any.
     `residual`: what the model still misses is learnt on top, for predictions.
 
     >>> fitted = fit(case("campaign"))
@@ -172,7 +173,7 @@ def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = Fals
     from .files.own_effects import catalogue
 
     _demand_case("fit", measured)
-    if not effects and not residual:
+    if not (effects or residual or set_up):
         return calibrate(Case(measured.robot.plain, measured.table))
     named = [effects] if isinstance(effects, str) else effects
     return fit_effects(measured, named, catalogue(measured.robot)[0], residual=residual)

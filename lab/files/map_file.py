@@ -94,15 +94,21 @@ class Points(FileTable):
     """Take the tip's orientation from three markers or more."""
 
 
-Order = Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"]
+Order = Literal[
+    "wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX",
+    "matrix rows", "matrix columns", "axes xy", "axes xz", "axes yz",
+]  # fmt: skip
+COLUMNS = {"wxyz": 4, "xyzw": 4, "matrix": 9, "axes": 6}
+"""First word of an order -> columns that it has, else 3."""
 
 
 class Orientation(FileTable):
     """How the tip is turned."""
 
-    columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
+    columns: tuple[Name, ...] = Field(min_length=3, max_length=9)
     order: Order = "wxyz"
-    """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic)."""
+    """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic). Of a rotation
+    matrix (9 columns) row by row or column by column; `axes xz`: directions of the tip's x and z axes (6 columns)."""
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""
     mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = NO_MOUNT
@@ -111,7 +117,7 @@ class Orientation(FileTable):
 
     @model_validator(mode="after")
     def _counted(self) -> Orientation:
-        needed = 4 if self.order in ("wxyz", "xyzw") else 3
+        needed = COLUMNS.get(self.order.split()[0], 3)
         if len(self.columns) != needed:
             raise ValueError(f"order {self.order!r} has {needed} columns, {len(self.columns)} are given")
         if not any(self.mount):

@@ -137,7 +137,8 @@ def heading(name: str, unit: str = "") -> Heading:
     last = parts[-1].casefold() if parts and not stated and (len(parts) > 1 or parts[0] in ALONE) else ""
     if last in UNITS:
         word = (len(parts[-1]) == 1 or last == "in") and len(parts) > 1  # a unit only behind a word for its quantity
-        kind, unit = UNITS[last] if not word or OF_QUANTITY.get(last, frozenset()) & {w.casefold() for w in parts} else ("", "")
+        of_quantity = {w.casefold() for w in parts[:-1]} & OF_QUANTITY.get(last, frozenset())
+        kind, unit = UNITS[last] if not word or of_quantity else ("", "")
         parts = parts[: -1 if unit and len(parts) > 1 else None]
     words = [w.casefold() for part in parts for w in re.sub(r"(?<=[a-z])(?=[A-Z])", " ", part).split()]
     apart = [w for word in words for w in COMPOUND.sub(r"\1\2 \3 \4", word).split()]

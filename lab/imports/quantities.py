@@ -31,6 +31,7 @@ from .series import CALL, FRAME, Series, axes_of, listed, name_of, numbers, text
 
 ORDERS: Mapping[int, tuple[Order, ...]] = {
     3: ("euler xyz", "euler XYZ", "rotation vector", "euler zyx", "euler ZYX"), 4: ("wxyz", "xyzw"),
+    6: ("axes xy", "axes xz", "axes yz"), 9: ("matrix rows", "matrix columns"),
 }  # fmt: skip
 """Number of columns -> orders that they may have."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
@@ -41,6 +42,8 @@ LEAST_WIDTH = 0.02
 """Share of the markers' extent along their line that they reach across it, below which they show no turn about it."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
+SQUARE = 0.1
+"""Largest product of two axes, and difference of their squares from 1, of an orientation that was seen."""
 
 
 @dataclass(frozen=True)
@@ -374,6 +377,8 @@ def stated(series: Series, given: Orientation) -> tuple[scipy.spatial.transform.
         known_rows &= np.linalg.norm(values, axis=1) > HALF
         filled = np.where(known_rows[:, None], values, [1.0, 0, 0, 0] if given.order == "wxyz" else [0, 0, 0, 1.0])
         return scipy.spatial.transform.Rotation.from_quat(filled, scalar_first=given.order == "wxyz"), known_rows
+    if len(given.columns) > 4:
+        return _of_axes(values.reshape(len(values), -1, 3), given.order)
     filled = np.where(known_rows[:, None], values, 0.0)
     unit = given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), KINDS["deg"]) or "rad"
     # rad, about two turns: larger angles without a unit are asked about
@@ -384,6 +389,20 @@ def stated(series: Series, given: Orientation) -> tuple[scipy.spatial.transform.
     if given.order == "rotation vector":
         return scipy.spatial.transform.Rotation.from_rotvec(filled, degrees=unit == "deg"), known_rows
     return scipy.spatial.transform.Rotation.from_euler(given.order.split()[1], filled, degrees=unit == "deg"), known_rows
+
+
+def _of_axes(vectors: Array, order: Order) -> tuple[scipy.spatial.transform.Rotation, Mask]:
+    """Rotations (n,) whose axes, or the rows of whose matrices, are (n, 2 or 3, 3), and where these are at right angles."""
+    axes = vectors.swapaxes(1, 2) if order == "matrix rows" else vectors
+    if order.startswith("axes"):
+        i, j = ("xyz".index(axis) for axis in order[-2:])
+        third = np.cross(axes[:, 0], axes[:, 1]) * (1 if j - i == 1 else -1)
+        axes = np.stack([axes[:, 0], axes[:, 1], third], axis=1)[:, np.argsort([i, j, 3 - i - j])]
+    with np.errstate(invalid="ignore"):
+        square = np.abs(axes @ axes.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < SQUARE
+        square &= np.linalg.det(axes) > 0
+    made = np.where(square[:, None, None], axes.swapaxes(1, 2), np.eye(3))
+    return scipy.spatial.transform.Rotation.from_matrix(made), square
 
 
 def _fitted(file: File, points: Points) -> tuple[scipy.spatial.transform.Rotation, Mask]:

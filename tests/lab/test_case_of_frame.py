@@ -275,6 +275,7 @@ def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predic
     answer = diagnose(found, Options(False, False, WEIGHED))
     assert answer.attribute.effects == ("base_tilt",) and answer.locate.gap_rmse_mm < 1, answer.headline
     assert answer.calibration is not None and answer.calibration.determined and not answer.calibration.origins
+    assert lab.fit(found, set_up=True).robot.tolerances and not lab.fit(found).robot.tolerances
     fitted = lab.fit(found, effects=("base_tilt",))
     assert fitted.robot.stated["youngs_modulus.excess"].value == pytest.approx(-0.45, abs=0.08) and fitted.left_mm < 0.25
     for robot in (fitted.robot, *drawn(fitted.robot, CATALOGUE, 1, 0)[2]):

@@ -307,20 +307,21 @@ def test_the_picture_has_a_panel_for_each_group_and_legends_beside_the_data(
 
 # ------------------------------------------------------------------ maps that read the right file wrongly
 ANGLES, QUATERNION = ("phi x [deg]", "phi y [deg]", "phi z [deg]"), ("q w", "q x", "q y", "q z")
-HALF = ("mid x", "mid y", "mid z")
+HALF, MATRIX = ("mid x", "mid y", "mid z"), [[f"R{i}{k}" for k in "123"] for i in "123"]
 EACH_AND_PAIRS = ((1,), (2,), (3,), (1, 2), (2, 3))
 
 
 @functools.cache
 def content() -> str:
-    """Each group up and down twice, as the rod has it (mbar, mm): the tip, its angles and quaternion, and a marker at half the
-    length."""
-    robot, lines = load(ROBOT, Robot), [";".join([*HEADINGS, *ANGLES, *HALF, *QUATERNION])]
+    """Each group up and down twice, as the rod has it (mbar, mm): the tip, its angles, quaternion and matrix, and a marker
+    at half the length."""
+    robot, lines = load(ROBOT, Robot), [";".join([*HEADINGS, *ANGLES, *HALF, *QUATERNION, *sum(MATRIX, [])])]
     asked = [(level, group) for group in 2 * EACH_AND_PAIRS for level in (0, 200, 450, 200, 0)]
     pressures = np.array([[level * (c in group) for c in (1, 2, 3)] for level, group in asked], float)
     rod = Predictor(robot)(100.0 * pressures, arcs=[robot.length / 2])
-    angles = Rotation.from_quat(rod.orientation, scalar_first=True).as_euler("xyz", degrees=True)
-    for k, values in enumerate(np.column_stack([pressures, 1e3 * rod.tip, angles, 1e3 * rod.shape[:, 0], rod.orientation])):
+    turn = Rotation.from_quat(rod.orientation, scalar_first=True)
+    angles, rows = turn.as_euler("xyz", degrees=True), turn.as_matrix().reshape(-1, 9)
+    for k, values in enumerate(np.column_stack([pressures, 1e3 * rod.tip, angles, 1e3 * rod.shape[:, 0], rod.orientation, rows])):
         lines.append(";".join(f"{v:.3f}".replace(".", ",") for v in (7.0 * k, *values)))
     return "\n".join(lines) + "\n"
 
@@ -358,8 +359,14 @@ def told(folder: Path, content: str, values: dict[str, Any], cli: Cli) -> str:
     return cli("import", folder / "a.csv", "--map", folder / "map.yaml", "--out", folder / "case", code=(0, 2)).flat_err
 
 
-def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
-    assert told(tmp_path, content(), RIGHT, cli) == ""
+@pytest.mark.parametrize(
+    ("order", "columns"),
+    [("euler xyz", ANGLES), ("matrix rows", sum(MATRIX, [])), ("axes xz", [row[k] for k in (0, 2) for row in MATRIX])],
+)
+def test_a_right_map_is_not_asked_about(order: str, columns: Sequence[str], tmp_path: Path, cli: Cli) -> None:
+    assert told(tmp_path, content(), RIGHT | {"orientation": {"columns": [*columns], "order": order}}, cli) == ""
+    turns = [read_csv(tmp_path / "case" / "trials.csv")[name] for name in ("qx", "qy", "qz")]
+    assert np.abs(turns).max() > 0.1
 
 
 @pytest.mark.parametrize(
@@ -377,6 +384,7 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
         (lambda v: v["orientation"].update(order="euler XYZ"), "orientation.order euler XYZ: the tip turns by"),
         pytest.param(lambda v: v["orientation"].update(order="rotation vector"), "with euler xyz, by 0.0 deg: check the order",
                      marks=pytest.mark.long),
+        (lambda v: v["orientation"].update(columns=sum(MATRIX, []), order="matrix columns"), "write `order: matrix rows` under"),
         (lambda v: v["orientation"].update(columns=list(ANGLES[::-1])), "write `order: euler ZYX` under orientation"),
         (lambda v: v["orientation"].update(columns=list(QUATERNION), order="xyzw"),
          "with wxyz, by 0.0 deg: check the order, and if it is this one, write `order: wxyz` under orientation"),

@@ -79,6 +79,7 @@ def test_a_body_without_a_hole_is_simulated() -> None:
     beside = full.replace(markers=[{"arc_length": 0.1, "offset": [0.02, 0.0]}])
     refused("the fakes do not support markers beside the axis", played, beside)
     refused("density: cannot be simulated", played, full.model_copy(update={"density": -1.0}))
+    refused("shear_modulus over youngs_modulus: cannot", played, full.model_copy(update={"shear_modulus": 1e8}))
 
 
 def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(rig: Path, cli: Cli) -> None:
