@@ -107,8 +107,8 @@ class Orientation(FileTable):
 
     columns: tuple[Name, ...] = Field(min_length=3, max_length=9)
     order: Order = "wxyz"
-    """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic). Of a rotation
-    matrix (9 columns) row by row or column by column; `axes xz`: directions of the tip's x and z axes (6 columns)."""
+    """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic). Of 9 columns a
+    rotation matrix; of 6 directions of two of the tip's axes, as `axes xz`."""
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""
     mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = NO_MOUNT
