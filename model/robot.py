@@ -240,13 +240,12 @@ class Robot(Shown, FileTable):
     @model_validator(mode="before")
     @classmethod
     def _as_pressure(cls, data: Any) -> Any:
-        tension = data.get("max_tension") if isinstance(data, dict) else None
-        numbers = tension if isinstance(tension, (list, tuple)) else [tension]
-        if not all(isinstance(x, (int, float)) for x in numbers):
+        given: list[Any] = [data.get(key) if isinstance(data, dict) else None for key in ("max_tension", "max_pressure")]
+        tension, stated = ([*x] if isinstance(x, (list, tuple)) else [x] for x in given)
+        if not all(isinstance(x, (int, float)) for x in [*tension, *(stated if given[1] is not None else ())]):
             return data  # each that is none is refused by its own field
-        pressure = np.array(tension) / PULL_AREA
-        stated = np.ravel(pressure if data.get("max_pressure") is None else data["max_pressure"])
-        if len(stated) != pressure.size or not np.allclose(stated, pressure, atol=0.0):
+        pressure = np.array(given[0]) / PULL_AREA
+        if given[1] is not None and (len(stated) != pressure.size or not np.allclose(stated, pressure, atol=0.0)):
             raise ValueError("max_pressure and max_tension are both given: keep max_tension, in N, if the robot has tendons")
         return {**data, "max_pressure": pressure.tolist()}
 

@@ -66,8 +66,8 @@ def test_tendons_have_no_thrust_and_one_limit(paper_robot: Robot) -> None:
     pulled = robot_from_dict(data | tendons | {"thrust": None, "max_tension": 5.0})
     assert pulled.replace(max_pressure=2e4).max_tension is None and pulled.replace(max_tension=2.0).max_pressure == 2e4
     assert pulled.replace(max_tension=[2.0, 3.0, 4.0]).pressure_limits.tolist() == [2e4, 3e4, 4e4]
-    with pytest.raises(BadRobot, match="max_pressure and max_tension are both given: keep max_tension"):
-        robot_from_dict(pulled.model_dump() | {"max_pressure": 2e4})
+    for wrong, told in ((2e4, "max_pressure and max_tension are both given: keep max_tension"), ("abc", "max_pressure.*abc")):
+        raises(BadRobot, told, robot_from_dict, pulled.model_dump() | {"max_pressure": wrong})
     walls = robot_from_dict(data)
     assert walls.causes["chamber_thrust"]["share"].value == 1.0 and not walls.effects and not paper_robot.causes
 
